@@ -1,4 +1,8 @@
-"""The scoreboard's second half: engines that know planes, and the exact laws on contact graphs."""
+"""The part of the scoreboard in a plane: contact graphs, solved by engines and by exact laws.
+
+The command ``impact-xval scoreboard`` calls `collect_plane_answers`, which runs the solvers, and `write_plane`, which
+stores their answers and returns the section of the page.
+"""
 
 from __future__ import annotations
 
@@ -32,39 +36,42 @@ from impact_xval.experiments.tables.frames import Frame, Record
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.experiments.tables.parquet import replacing
 
-#: File of the answers in a plane, in the folder of a scoreboard.
+#: Name of the file in the folder of a scoreboard that holds the answers in a plane.
 PLANE_ANSWERS = "plane.parquet"
 
 TITLE = "In a plane"
 
-#: Columns of velocities: x and z of up to seven balls.
+#: Columns of the velocities along x and z in m/s. The largest graph, a rack of 6 and a cue ball, has seven balls.
 VELOCITIES = [f"v{ball}{axis}" for ball in range(1, 8) for axis in "xz"]
 
 #: Columns of answers, as `collect_plane_answers` describes them.
 PLANE_COLUMNS = ["solver", "version", "case", "e", "status", "reason", *VELOCITIES]
 
-#: Seconds that a solver has for one case.
+#: Time limit in s of one case.
 _LONGEST = 120.0
 
-#: Share of the cases that an engine answers which a law must answer to be the nearest law of that engine.
+#: A law can be the nearest law of an engine only if it solves at least this fraction of the cases that the engine
+#: solves.
 _LEAST_ANSWERED = 0.9
 
-#: Laws whose largest D exceeds the least by no more are nearest too.
+#: If the largest D of two laws differ by no more than this number, both laws are named as nearest.
 _AS_NEAR = 1e-6
 
 CAPTION = (
-    "By case the largest D of all e from the nearest law: the exact law whose largest D over all cases is the least, "
-    f"of those that answer nine in ten. It is the engine's own where no D exceeds {EXPLAINED}. Bernoulli: a ball falls "
-    "between two others, 30 degrees to either side. Corner: a ball meets two walls whose normals enclose the angle. "
-    "Bridge: a ball falls on two balls that rest on a table. Rack: a cue ball strikes 3 or 6 balls. All stiffnesses "
-    "are equal. A law that takes contacts in an order takes them as they are numbered; an engine may take another "
-    "order. Asymmetry: the largest difference, over |v0|, between a velocity and the mirrored velocity of the body's "
-    "mirror image, of bernoulli, bridge and racks; exact outcomes have none. Springs and dashpots answer no e = 0."
+    "The table shows, for each case, the largest D between the engine and its nearest law, over all e. The nearest law "
+    "is the exact law with the smallest largest D over all cases. Only laws that solve nine tenths of the engine's "
+    f"cases count. The engine follows its nearest law if no D exceeds {EXPLAINED}. Bernoulli: a ball falls between two "
+    "others, 30 degrees to either side. Corner: a ball meets two walls whose normals enclose the angle. Bridge: a ball "
+    "falls on two balls that rest on a table. Rack: a cue ball strikes 3 or 6 balls. All stiffnesses are equal. A law "
+    "that solves one contact after the other takes the contacts in the order of their numbers, and an engine may take "
+    "another order. Asymmetry: the largest difference between the velocity of a body and the mirrored velocity of its "
+    "mirror image in bernoulli, bridge and racks, divided by |v0|. Exact solutions have no asymmetry. Springs and "
+    "dashpots cannot give e = 0, so their engines have no answer there."
 )
 
 
 def list_plane_entrants(names: Sequence[str]) -> list[str]:
-    """List those of the given solvers that are exact laws, or engines that know planes."""
+    """Return the given solvers that are exact laws, or engines that solve balls in a plane."""
     entrants: list[str] = []
     for name in names:
         solver = get_solver(name)
@@ -78,10 +85,10 @@ def list_plane_entrants(names: Sequence[str]) -> list[str]:
 def collect_plane_answers(
     names: Sequence[str], root: Path, workers: int, progress: Callable[..., None]
 ) -> pd.DataFrame:
-    """Have solvers answer every case in a plane, each in a process of its own.
+    """Return the answers of solvers to every case in a plane. Each solver runs in its own process.
 
-    Answers are kept in the folder of the scoreboard. A row an answer: solver, version, case, e, status, reason, and
-    v1x, v1z, v2x, ... in m/s.
+    The table has one row per answer, with the columns solver, version, case, e, status, reason, and the velocities v1x,
+    v1z, v2x, ... in m/s. The answers are also stored in the folder `root`, so that an interrupted command can continue.
     """
     folder = root / "answers"
     if not folder.is_dir():
@@ -91,7 +98,7 @@ def collect_plane_answers(
         with open_pool(None, workers) as pool:
             futures = [pool.submit(_answer_or_read, name, folder) for name in names]
             for done, future in enumerate(as_completed(futures), 1):
-                future.result()  # an error ends all at once
+                future.result()  # if one solver raises an error, the whole command ends
                 progress(done * len(PLANE_CASES), len(futures) * len(PLANE_CASES), "")
     except KeyboardInterrupt:
         raise InterruptedRunError("interrupted; answers are kept; the same command continues") from None
@@ -100,7 +107,10 @@ def collect_plane_answers(
 
 
 def _answer_or_read(slot: Slot[None], name: str, folder: Path) -> list[Record]:
-    """Return the answers of a solver from its file, named by versions and cases; without it, from its process."""
+    """Return the answers of a solver, which are read from its file or, if there is no file, computed and stored.
+
+    The name of the file contains a hash of the versions, the cases and the settings.
+    """
     installed = get_solver(name).version()
     identifying = version("impact-xval"), installed, PLANE_SETUPS, list(PLANE_CASES), str(SETTINGS)
     identity = sha256(json.dumps(identifying).encode()).hexdigest()[:12]
@@ -108,7 +118,7 @@ def _answer_or_read(slot: Slot[None], name: str, folder: Path) -> list[Record]:
     if path.exists():
         return json.loads(path.read_text(encoding="utf-8"))
     rows: list[Record] = []
-    with contextlib.suppress(FaultError):  # then each case says so
+    with contextlib.suppress(FaultError):  # the call of each case below returns the error as its reason
         slot.call(name, answer_plane_case, name, *next(iter(PLANE_CASES)), timeout=TO_PREPARE)
     for case, e in PLANE_CASES:
         try:
@@ -122,7 +132,10 @@ def _answer_or_read(slot: Slot[None], name: str, folder: Path) -> list[Record]:
 
 
 def judge_plane_answers(answers: Frame) -> Frame:
-    """Add D from each exact law, ``D_LAW``, and ``asymmetry``, NaN where a scene has no mirror, to answers."""
+    """Return the answers with the columns ``D_LAW``, D from each exact law, and ``asymmetry``.
+
+    The asymmetry is NaN in scenes that have no mirror image.
+    """
     velocities = answers[VELOCITIES].to_numpy(float)
     cases = [PLANE_CASES[case] for case in zip(answers.case, answers.e, strict=True)]
     masses, starts = masses_and_starts_of_graphs([case.collision for case in cases], len(VELOCITIES))
@@ -131,7 +144,7 @@ def judge_plane_answers(answers: Frame) -> Frame:
     for law in exact_law_names():
         same_case = pd.MultiIndex.from_frame(answers.assign(solver=law)[["solver", "case", "e"]])
         difference = velocities - of_case.reindex(same_case).to_numpy()
-        # Columns of balls that a case does not have are NaN; so is the first of a case without an answer.
+        # The columns of balls that a case does not have are NaN. In a case without an answer v1x is NaN too.
         known = ~np.isnan(difference[:, 0])
         judged[f"D_{law}"] = np.where(known, norms(masses, difference, starts), np.nan)
     judged["asymmetry"] = [
@@ -144,7 +157,7 @@ def judge_plane_answers(answers: Frame) -> Frame:
 
 
 def plane_table(judged: Frame) -> Table:
-    """Lay out one row per engine: its nearest law, the largest D from it by case, and the largest asymmetry."""
+    """Return a table with one row per engine: nearest law, largest D from this law in each case, largest asymmetry."""
     rows: list[tuple[str, ...]] = []
     laws = exact_law_names()
     for name, own in judged[judged.solver.map(is_engine)].groupby("solver", sort=False):
@@ -176,14 +189,14 @@ def plane_table(judged: Frame) -> Table:
 
 
 def _short(value: float, least: float = 1e-4) -> str:
-    """Write a number in two digits, or that it is below the least number of interest."""
+    """Format a number with two digits; a number below `least` is written as ``"< least"``, and NaN as ``"-"``."""
     if np.isnan(value):
         return "-"
     return f"< {least:.0e}".replace("e-0", "e-") if value < least else number(value, 2)
 
 
 def write_plane(answers: Frame, root: Path) -> Section:
-    """Write the answers in a plane into the folder of a scoreboard; return the section for its page."""
+    """Write the answers in a plane into the folder of a scoreboard, and return the section of its page."""
     with replacing(root / PLANE_ANSWERS) as temporary:
         answers.to_parquet(temporary, index=False, compression="zstd")
     return Section(TITLE, [plane_table(judge_plane_answers(answers))])
