@@ -24,7 +24,7 @@ from impact_xval.experiments.config.errors import UserError
 def hypothesis_command(
     config: Path | None = argument(
         "[FILE.toml]",
-        "A test, or a collision by masses, stiffnesses, restitutions, velocities; by default the built-in test.",
+        "File of a test or of one collision (masses, stiffnesses ...). By default the built-in test.",
         parse_path,
         None,
     ),
@@ -35,13 +35,13 @@ def hypothesis_command(
 ) -> None:
     """Test whether infinitely stiff pairs move as one.
 
-    The supplement's hypothesis, for each case and solver. You get verdicts, tables and a page. The same command
-    continues a test that was stopped.
+    The command tests the hypothesis of the supplement for each case and solver. You get verdicts, tables and a page.
+    The same command continues a test that was stopped.
 
     Example: impact-xval hypothesis --out my-verdicts
 
-    For a collision of your own, by the options of solve or in a file, the command prints whether the stiffest pair
-    moves as one body, by every law, as the contrast of stiffnesses grows. It writes no file.
+    You can also describe a collision of your own, by the options of solve or in a file. The command then makes the
+    stiffest contact stiffer in steps, and prints for every law whether its two bodies move as one. It writes no file.
 
     Example: impact-xval hypothesis --stiffness-ratio 40 --mass-ratio 1.15 --e1 0.9 --e2 0.7
     """

@@ -56,8 +56,8 @@ def inspect_command(
     the scene. You get their restitution, stiffness, time steps per contact and depth at rest, and the parameters to
     write for another contact.
 
-    A trap is a parameter that the engine replaces, ignores or reads in another way. The exit code is 3 if there are
-    traps.
+    A trap is a parameter that the engine replaces, ignores or reads in another way. The exit code is 3 if
+    the scene has traps.
 
     Example: impact-xval inspect robot.xml
 

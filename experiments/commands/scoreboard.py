@@ -32,13 +32,13 @@ def scoreboard_command(
 ) -> None:
     """Ask every engine what happens when bodies meet at once.
 
-    Installed engines, with several settings, are compared with every exact law, on
-    chains and, where an engine knows planes, on contact graphs in a plane. You get a table and a page. With
-    --baseline, the exit code is 3 if an answer changed or a solver is missing. The same command continues a scoreboard
-    that was stopped.
+    The command compares installed engines, with several settings, with every exact law. The collisions are chains and,
+    for engines that solve balls in a plane, contact graphs. You get a table and a page. With --baseline, the exit code
+    is 3 if an answer changed or a solver is missing. The same command continues a scoreboard that was stopped.
 
-    Each version after --with is installed by uv, or by pip without uv, in its own environment in the user's cache
-    folder. The changes from version to version are printed. With --solver, only these solvers are asked.
+    Each version given by --with is installed in its own environment in your cache folder, with uv if you have it,
+    otherwise with pip. Then the answers that differ between versions are printed. With --solver, only these solvers
+    are run.
 
     Example: impact-xval scoreboard --with mujoco==3.3.7 --with mujoco==4.0.0
     """

@@ -208,9 +208,9 @@ def explore_command(
 ) -> None:
     """Move one collision by sliders in a browser.
 
-    The page shows two balls on a table, or a chain of N balls, until Ctrl-C. The model and the exact references follow
-    the sliders; a button runs the engines. The address of the page contains the collision. Only this machine can open
-    the page.
+    The page shows two balls on a table, or a chain of N balls. The model and the exact references follow the sliders,
+    and a button runs the engines. The address of the page contains the collision. Only this machine can open the page.
+    Press Ctrl-C to end the command.
 
     Example: impact-xval explore --no-browser
     """
@@ -228,9 +228,11 @@ def explore_command(
 @with_collision_options("arrangement", *OF_CHAIN, "cell_timeout")
 def scene_command(
     folder: Path | None = argument(
-        "[DIR]", "Folder of a finished run; without it, a collision by options.", parse_path, None
+        "[DIR]", "Folder of a finished run. Without it, describe a collision by options.", parse_path, None
     ),
-    cell: int | None = argument("[N]", "Number of a cell of this run.", whole_number_parser(0, 10**7), None),
+    cell: int | None = argument(
+        "[N]", "Number of the cell in this run.", whole_number_parser(0, 10**7), None
+    ),
     *,
     solver: list[str] | None = option(
         "NAME", "Engine: 'mujoco' or 'pybullet'; by default both.", word_parser(*_EXPORTED)

@@ -17,15 +17,18 @@ _TO_CHECK = 300.0
 
 
 def solvers_command(
-    name: str | None = argument("[NAME]", "Check whether this solver keeps the contract.", default=None),
+    name: str | None = argument(
+        "[NAME]", "Check whether this solver does what every solver has to do.", default=None
+    ),
     law: str = option("LAW", "With NAME: the exact solver of the law that NAME has, or 'none'.", default=""),
 ) -> None:
-    """List the solvers, or check one.
+    """List the solvers, or check one solver.
 
-    The list has each solver's law, its version, the package that it comes from, and why it cannot run here.
+    For each solver the list has the law, the version, the package that it comes from and, if the solver cannot run
+    here, the reason.
 
-    With NAME, the solver is checked against the contract that adapters have to keep. The exit code is 3 if a check
-    fails. The command also says how the engine combines the restitutions of two bodies.
+    With NAME, the command checks that solver (for authors of solvers, see docs/adding-a-solver.md). The exit code is 3
+    if a check fails. The command also prints how the engine combines the restitutions of two bodies.
 
     Example: impact-xval solvers mujoco
     """

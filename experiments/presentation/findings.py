@@ -268,14 +268,14 @@ def _describe_regions(ladder: LadderSummary, solver: str, name: str) -> str:
         label: cause_shares(ladder, solver, *place).get(name) for label, place in ladder.regions.items()
     }
     parts = [
-        fill_sentence("{share} for {label}", share=share, label=label)
+        fill_sentence("{share} where {label}", share=share, label=label)
         for label, share in by_region.items()
         if share
     ]
     if len(parts) < 2:
         return ""
     cause, regions = LABELS[name], Markup(", ").join(parts)
-    return fill_sentence(" Share of {cause} by region: {regions}.", cause=cause, regions=regions)
+    return fill_sentence(" The share of {cause} differs by region: {regions}.", cause=cause, regions=regions)
 
 
 def describe_asymmetries(summary: Summary) -> Markup:
@@ -380,7 +380,7 @@ def describe_nearest_rigid_laws(summary: Summary) -> list[Markup]:
     engines = [name for name in compared_solvers(summary) if is_engine(name) and not knows_stiffness(name)]
     distances = summary.from_rigid_laws
     if engines and distances.empty:
-        line = "No rigid law was run: {laws} among the solvers show which law {engines} {follow}."
+        line = "This run has no rigid law. To see which law {engines} {follow}, add {laws} to the solvers."
         return [
             fill_sentence(
                 line,
@@ -398,8 +398,8 @@ def describe_nearest_rigid_laws(summary: Summary) -> list[Markup]:
         key = f"{name} from {nearest.law}"
         sentences.append(
             fill_sentence(
-                "Of the rigid laws that were run, {law} is nearest to {solver}: velocities differ by {median} |v0| "
-                "(median; at most {most} |v0|).",
+                "The rigid law in this run that is nearest to {solver} is {law}. In the median, their velocities "
+                "differ by {median} |v0|. The largest difference is {most} |v0|.",
                 law=display_name(nearest.law),
                 solver=display_name(name),
                 median=Value(nearest["median"], f"{key} median"),
@@ -457,7 +457,10 @@ def describe_counted_cells(summary: Summary) -> str:
         f"{beyond}."
     )
     if len(summary.ladder.statistics):
-        said += " Causes are known if no exact solution between the model and the engine is marked either."
+        said += (
+            f" Causes of D are given only for {noun} in which no exact solution on the way from the model to the "
+            "engine is marked."
+        )
     return said
 
 

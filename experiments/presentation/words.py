@@ -69,9 +69,9 @@ GRAPHS_IN_WORDS = {
 NO_RESULT = "*"
 WHAT_NO_RESULT_IS = (
     f"{NO_RESULT}: the solver ended with these numbers, but they do not count as a result. The status and the reason "
-    "say why. The velocities are those at the time step of the run. A reason that mentions halving the step refers to "
-    "the shortest step tried. No statistic of D counts these numbers. If a sentence names causes of their D, that is "
-    "the D at the time step of the run."
+    "say why. The velocities were computed with the time step of the run. If the reason speaks of halving the step, it "
+    "means the shortest time step that was tried. Statistics of D leave these numbers out. If a sentence names causes "
+    "of D for these numbers, D was computed with the time step of the run."
 )
 
 #: Engines in which the restitution of a contact is the product of the restitutions of its two bodies. Keys are names of

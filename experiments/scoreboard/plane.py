@@ -60,13 +60,15 @@ _LEAST_ANSWERED = 0.9
 _AS_NEAR = 1e-6
 
 CAPTION = (
-    "By case the largest D of all e from the nearest law: the exact law whose largest D over all cases is the least, "
-    f"of those that answer nine in ten. It is the engine's own where no D exceeds {EXPLAINED}. Bernoulli: a ball falls "
-    "between two others, 30 degrees to either side. Corner: a ball meets two walls whose normals enclose the angle. "
-    "Bridge: a ball falls on two balls that rest on a table. Rack: a cue ball strikes 3 or 6 balls. All stiffnesses "
-    "are equal. A law that takes contacts in an order takes them as they are numbered; an engine may take another "
-    "order. Asymmetry: the largest difference, over |v0|, between a velocity and the mirrored velocity of the body's "
-    "mirror image, of bernoulli, bridge and racks; exact outcomes have none. Springs and dashpots answer no e = 0."
+    "The table shows, for each case, the largest D between the engine and its nearest law, over all e. The nearest law "
+    "is the exact law with the smallest largest D over all cases. Only laws that solve nine tenths of the engine's "
+    f"cases count. The engine follows its nearest law if no D exceeds {EXPLAINED}. Bernoulli: a ball falls between two "
+    "others, 30 degrees to either side. Corner: a ball meets two walls whose normals enclose the angle. Bridge: a ball "
+    "falls on two balls that rest on a table. Rack: a cue ball strikes 3 or 6 balls. All stiffnesses are equal. A law "
+    "that solves one contact after the other takes the contacts in the order of their numbers, and an engine may take "
+    "another order. Asymmetry: the largest difference between the velocity of a body and the mirrored velocity of its "
+    "mirror image in bernoulli, bridge and racks, divided by |v0|. Exact solutions have no asymmetry. Springs and "
+    "dashpots cannot give e = 0, so their engines have no answer there."
 )
 
 
@@ -99,7 +101,7 @@ def collect_plane_answers(
         with open_pool(None, workers) as pool:
             futures = [pool.submit(_answer_or_read, name, folder) for name in names]
             for done, future in enumerate(as_completed(futures), 1):
-                future.result()  # an error ends all at once
+                future.result()  # if one solver raises an error, the whole command ends
                 progress(done * len(PLANE_CASES), len(futures) * len(PLANE_CASES), "")
     except KeyboardInterrupt:
         raise InterruptedRunError("interrupted; answers are kept; the same command continues") from None
@@ -120,7 +122,7 @@ def _answer_or_read(slot: Slot[None], name: str, folder: Path) -> list[Record]:
     if path.exists():
         return json.loads(path.read_text(encoding="utf-8"))
     rows: list[Record] = []
-    with contextlib.suppress(FaultError):  # then each case says so
+    with contextlib.suppress(FaultError):  # the call of each case below returns the error as its reason
         slot.call(name, answer_plane_case, name, *next(iter(PLANE_CASES)), timeout=TO_PREPARE)
     for case, e in PLANE_CASES:
         try:

@@ -442,7 +442,7 @@ def _accuracy_section(summary: Summary) -> Section:
     header += [
         "limit's distance from the law",
         "largest regularisation",
-        f"law within {number(HONEST)} estimated errors",
+        f"limits within {number(HONEST)} estimated errors of the law",
     ]
     rows = [
         (

@@ -82,9 +82,10 @@ def _ladder_caption(over: str, ladder: LadderSummary) -> str:
     return (
         f"Causes of the mean velocity divergence D between each engine and the model, over {over}. Each cause is a "
         "coloured bar, and the black line is the mean D. A bar below zero is a cause that brings the engine nearer to "
-        "the model. Each cause is one change on the way from the model to the engine. The height of its bar is the "
-        "component of the change in velocities along the whole difference, in the kinetic norm, averaged over cells. "
-        f"The components of a cell sum to its D. The changes of frozen positions, {causes} can be made in "
+        "the model. Each cause is one change on the way from the model to the engine. The height of a bar is the part "
+        "of D that this cause makes, as a mean over cells. In each cell this part is the change of velocities by the "
+        "cause, projected on the whole difference of velocities in the kinetic norm. "
+        f"The parts in a cell sum to its D. The changes of frozen positions, {causes} can be made in "
         f"{ladder.orders} orders, and a bar is the mean over these orders. Its whisker shows the smallest and the "
         f"largest result of an order. D = sqrt(sum m_i dv_i^2/sum m_i v_i0^2) has no unit. {LEFT_OUT}"
     )
