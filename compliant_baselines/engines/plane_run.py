@@ -34,10 +34,10 @@ from scipy import optimize  # pyright: ignore[reportMissingTypeStubs]
 from impact_xval.compliant_baselines.engines.scanner import RunEnd
 from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, periods
 from impact_xval.compliant_baselines.engines.stepping import (
-    ENERGY_GAIN_ALLOWED,
     SLOWEST_MEETING,
     WINDOW,
     FlightLead,
+    describe_energy_gain,
 )
 from impact_xval.compliant_baselines.states import Runs, merge_runs
 from impact_xval.model.arrays import Booleans
@@ -318,13 +318,11 @@ class PlaneRun:
         return (kinetic(self.velocities) - before) / before
 
     def too_much_energy(self) -> str:
-        """Return a sentence for a run that ended with too much energy, because its step is too long.
+        """Return a sentence for a run that ended with too much energy.
 
         The sentence is empty if the gain of energy is at most `ENERGY_GAIN_ALLOWED`.
         """
-        if (gain := self.energy_gain()) <= ENERGY_GAIN_ALLOWED:
-            return ""
-        return f"it ended with {gain:.1%} more energy than it began with: the step is too long"
+        return describe_energy_gain(self.energy_gain(), has_fixed_body=self.scene.table)
 
 
 def _bits(contacts: int) -> NDArray[np.int64]:

@@ -108,6 +108,21 @@ def project_to_separated(
     return tuple(max(v, 0.0) if table else v for v in separated)
 
 
+def describe_energy_gain(gain: float, *, has_fixed_body: bool) -> str:
+    """Return a sentence on a gain of energy, which is given as a share of the energy at the start.
+
+    The sentence is empty if the gain is at most `ENERGY_GAIN_ALLOWED`. Without a fixed body the energy is that of the
+    motion relative to the centre of mass.
+    """
+    if gain <= ENERGY_GAIN_ALLOWED:
+        return ""
+    energy = "energy" if has_fixed_body else "energy, relative to the centre of mass,"
+    return (
+        f"it ended with {gain:.1%} more {energy} than it began with: its step is too long, or its contacts create "
+        "energy"
+    )
+
+
 class Run:
     """A run of a scene, during or after the collision: it reads an engine's steps in windows and keeps the results.
 
@@ -406,13 +421,11 @@ class Run:
         return (kinetic(self.velocities) + fallen - before - held) / before
 
     def too_much_energy(self) -> str:
-        """Return a sentence for a run that ended with too much energy, because its step is too long.
+        """Return a sentence for a run that ended with too much energy.
 
         The sentence is empty if the gain of energy is at most `ENERGY_GAIN_ALLOWED`.
         """
-        if (gain := self.energy_gain()) <= ENERGY_GAIN_ALLOWED:
-            return ""
-        return f"it ended with {gain:.1%} more energy than it began with: the step is too long"
+        return describe_energy_gain(self.energy_gain(), has_fixed_body=self.scene.table)
 
     def path(self, states: Runs) -> Path:
         """Return the recorded path, with the filtered sequence of states."""
