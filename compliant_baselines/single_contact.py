@@ -224,8 +224,8 @@ def _require_legal_masses(masses: Sequence[float]) -> None:
 def bodies_of_contacts(masses: Sequence[float]) -> list[tuple[tuple[float, float], float | None]]:
     """Return the two masses of each contact of two or three bodies in a line, and the mass that it carries; in kg.
 
-    If the third body is fixed, the others stand on it, one upon the other. Otherwise the mass carried is None: a
-    contact carries its lighter body. A ValueError names the illegal value.
+    If the third body is fixed, the other two bodies stand on it, one upon the other. Otherwise the carried mass is
+    given as None, which stands for the mass of the contact's lighter body. A ValueError names the illegal value.
     """
     if len(masses) == 2:
         return [((masses[0], masses[1]), None)]

@@ -192,7 +192,8 @@ def extrapolate(
     velocities
         Final velocities in m/s of n >= 3 runs, shape (n, N axes). Each run has half the step of the run before.
     touch_doubt
-        Change in m/s that depends on when within a step contacts touch (`_touch_doubt`).
+        Bound in m/s on how much velocities depend on the instants within a step at which contacts touch
+        (`_touch_doubt`).
     parting
         Conditions under which the bodies part.
     same_states
@@ -200,7 +201,7 @@ def extrapolate(
     orders
         Number of orders that may be extrapolated: 1 or 2.
     gravity_doubt
-        Change in m/s that depends on when within a step gravity and the collision end.
+        Bound in m/s on how much velocities depend on the instants within a step at which gravity and the collision end.
     """
     limits = 2 * velocities[1:] - velocities[:-1]
     doubt = DOUBT * np.abs(velocities[-1] - velocities[-2])
@@ -375,14 +376,13 @@ def estimate_limit(
     first
         The finished run at the user's step h.
     convergence
-        Accuracy that is asked of the limit.
+        Requested accuracy of the limit, and largest number of halvings.
     max_steps
         Largest number of time steps of the run at h and of runs at longer steps. A run at the step h/n may take n times
         this number. It may also take at most n `PATIENCE` times the number of time steps of the run at h.
 
-    Returns
-    -------
-    The limit, or None if too few runs came to an end. Second, the reason why the limit is not converged, or ``""``.
+    Returns ------- Two values. The first one is the limit, or None if too few runs came to an end. The second one is
+    the reason why the limit is not converged, or ``""``.
     """
     scene, runs, failure = first.scene, [first], ""
     tolerance = convergence.tolerance * scene.speed

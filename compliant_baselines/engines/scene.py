@@ -135,7 +135,7 @@ class Scene:
 
     @property
     def closing(self) -> Floats:
-        """Displacement over the radius by which each touching contact overlaps by a radius; shape (N axes,)."""
+        """Displacements of the balls, in radii, that make touching contacts overlap by a radius; shape (N axes,)."""
         if self.graph is not None:
             J = self.graph.jacobian
             return np.asarray(np.linalg.lstsq(J, -np.ones(len(J)), rcond=None)[0], np.float64)

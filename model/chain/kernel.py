@@ -69,7 +69,7 @@ FIRST_STEP = 1e-3
 
 
 class Action(IntEnum):
-    """What the kernel does next with a chain."""
+    """Action that the kernel takes next with a chain."""
 
     END = 0  # stop, because the collision is over
     FLY = 1  # move the bodies without forces until a gap closes

@@ -79,7 +79,7 @@ def deactivate(contact):
 
 @kernel_helper
 def reactivate(contact):
-    """Put an inactive contact into compression, from the force 0.
+    """Put an inactive contact into compression; its force begins at 0.
 
     A contact that has become rigid stays inactive here: `graph.rigid` makes it RIGID when a load presses it.
     """

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 
 class GraphEnding(IntEnum):
-    """How the kernel's computation of a graph ended.
+    """Ways in which the kernel's computation of a graph can end.
 
     The values differ from all values of `chain.record.ChainEnding` and `pair.record.PairEnding`. So an ending of one
     kernel cannot be taken for an ending of another.
