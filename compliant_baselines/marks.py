@@ -101,8 +101,8 @@ FEW_EVENTS = 3
 #: For laws with dashpots: number of events from which all single changes of a collision are tried at once.
 MANY_EVENTS = 20
 
-#: Mass ratio m2/m1 below which a collision is examined whatever its number of events is. Such a light lower ball can
-#: take up any speed.
+#: Mass ratio m2/m1 below which a collision is examined whatever its number of events is. A lower ball as light as this
+#: can take up any speed.
 LIGHT = 0.05
 
 #: Change of a velocity by gravity, over abs(v0). From this change on, the outcome can depend on the instant at which

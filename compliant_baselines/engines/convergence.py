@@ -286,8 +286,8 @@ def _flight_doubt(before: AnyRun, last: AnyRun) -> float:
 
     The lead of a flight is the time by which a gap closes after the flight has begun, or before it would have begun. It
     is extrapolated to a step of zero as velocities are. The flight is in doubt if the lead changes its sign on the way,
-    or is too short to have a clear sign. Gravity then may or may not act in the contact whose closing ends or prevents
-    the flight.
+    or is too short to have a clear sign. A contact ends or prevents the flight when its gap closes. In this contact
+    gravity then may or may not act.
     """
     earlier, (now, contact), scene = before.flight_lead.time, last.flight_lead, last.scene
     if not scene.gravity or not math.isfinite(now):
@@ -305,7 +305,7 @@ def _touch_doubt(runs: Sequence[AnyRun]) -> float:
     A dashpot misses a part of its first step, and the impulse of this step shrinks with the step. A rigid contact gives
     its whole impulse in its first step, whatever the step's length. So nothing is missing. There are three exceptions.
     Neighbouring contacts may begin in the same step, and their impulses then depend on one another. The engine may
-    solve contacts only to its `World.accuracy`. Or it gives slow contacts no restitution.
+    solve contacts only to its `World.accuracy`. Or the engine gives slow contacts no restitution.
 
     In a plane normals turn, and impulses turn with them. The change is at most the angle times the speed.
     """

@@ -98,8 +98,8 @@ class Window(NamedTuple):
 def next_action(c, n):
     """Return the next action of a chain without gravity, the contact whose gap closes first, and the time until then.
 
-    Contact and time have a meaning for the action FLY only. An active contact at rest without deformation carries no
-    force, so it does not prevent a flight.
+    The returned contact and time have a meaning only if the action is FLY. An active contact at rest without
+    deformation carries no force, so it does not prevent a flight.
     """
     first, first_contact = inf, -1
     for i in range(n):

@@ -67,7 +67,7 @@ class Law(IntEnum):
 
 
 class Watched(IntEnum):
-    """Function of time, of one contact, whose zero may be an event."""
+    """Function of time that belongs to a contact. A zero of the function may be an event."""
 
     FORCE = 0  # a function with the sign of the force of a contact with a dashpot, not cut off at zero
     GAP = 1  # the deformation delta; at its zero a gap or an overlap ends

@@ -38,7 +38,7 @@ from impact_xval.model.graph.state import GraphPhase
 
 
 class GraphWatched(IntEnum):
-    """Function of time, of one contact, whose zero may be an event."""
+    """Function of time that belongs to a contact. A zero of the function may be an event."""
 
     FORCE = 0  # the force F_i of the contact
     RATE = 1  # the rate of compression w_i of the contact
