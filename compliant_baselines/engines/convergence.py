@@ -59,9 +59,9 @@ WHOLE = 0.01
 #: their limit 2 Vn - V(n-1) is wrong by at most this factor times x.
 MEETINGS = 3.0
 
-#: Largest last change of a speed of separation, over this speed, at which a straight line through the last two runs
-#: leads to its limit. Bodies that part slowly have the speed that is left of a vibration. This speed is the length of a
-#: vector, which is not a linear function of the step where it is smallest.
+#: Largest change of a speed of separation between the last two runs, over this speed, with which the limit may be taken
+#: from a straight line through both runs. Bodies that part slowly have the speed that is left of a vibration. This
+#: speed is the length of a vector, which is not a linear function of the step where it is smallest.
 STRAIGHT = 1 / 3
 
 #: Largest factor on the last change of a rate, whose product with this change is stated as error if changes grow from

@@ -111,7 +111,7 @@ class RigidWorld(World):
         return [tuple(centre) for centre in in_space(self.places + self.heights, self.axes).tolist()]
 
     def spheres(self, ball: int) -> list[Sphere]:
-        """Return the spheres of a ball: first those of contacts in which it is the first body, then the others."""
+        """Return the spheres of a ball. Spheres for contacts in which the ball is the first body come first."""
         as_first, as_second = self._arrangement.sides(ball)
         spheres: list[Sphere] = []
         for contact in [*as_first, *as_second]:

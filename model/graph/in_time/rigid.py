@@ -31,8 +31,8 @@ from impact_xval.model.pair.law import Phase
 def ringing_ends(c, W, i):
     """Return whether contact i, which has just ended compression, may be treated as rigid from this time on.
 
-    The condition is the model's, with one addition: no gap closes within twice the time after which the contact is
-    rigid.
+    The conditions are those of the model (`graph.rigid.ringing_ends`), and one more: no gap closes within twice the
+    time after which the contact is rigid.
     """
     if not rigid.ringing_ends(c, W, i):
         return False
