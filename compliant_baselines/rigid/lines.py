@@ -11,10 +11,11 @@ the e of the contact. Where an engine multiplies the numbers of both bodies, the
 plane, has `Settings.partner_restitution`, by default 1. Each contact with a fixed body has its own plane. Two shapes of
 different contacts cannot meet.
 
-**In a plane** normals turn, by displacement over radius. In double precision radii are larger by the factor
-`PLANE_WIDER`. Single precision does not resolve the steps of balls that are so large. There normals turn by about a
-thousandth in a step of a thousandth of a period, if an engine takes several steps for a single impact. In the limit dt
--> 0 this vanishes, and a bound on it is part of the limit's error.
+**In a plane** normals turn by the displacement over the radius. In double precision radii in a plane are larger by the
+factor `PLANE_WIDER` than in a line. So normals hardly turn. Single precision cannot resolve how far balls of this size
+move in a step. So in engines of single precision radii are not larger. There normals turn by about a thousandth in a
+step of a thousandth of a period, if an engine takes several steps for a single impact. In the limit dt -> 0 this
+vanishes, and a bound on it is part of the limit's error.
 
 **Rest.** Relative velocities of at most `RigidWorld.resolution` times the largest speed at the start are reported as 0.
 Otherwise a collision would not be over until a gap has closed at 1e-17 m/s.
