@@ -41,8 +41,8 @@ CHANGE = 2.0
 #: limits of first order.
 RESOLVED = 1 / 16
 
-#: Fraction of the largest correction of all velocities. Smaller corrections are not used to find the order of
-#: convergence.
+#: Fraction of the largest correction of all velocities. Corrections that are smaller than this fraction are not used to
+#: find the order of convergence.
 SMALL = 0.1
 
 #: Factor on the velocity changes in the first time step of each contact. The product is stated as an error of the

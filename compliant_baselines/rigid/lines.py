@@ -160,7 +160,8 @@ class RigidEngine(Engine):
     """Base class of rigid engines: contacts have restitutions. Stiffnesses only determine the length of a step."""
 
     kind, law = "rigid", None
-    #: Factor by which radii are larger in a scene in a plane; it is `PLANE_WIDER` for engines in double precision.
+    #: Factor by which the radii of balls are larger in a scene in a plane than in a line. It is `PLANE_WIDER` for
+    #: engines in double precision, and 1 for engines in single precision.
     plane_wider: float = 1.0
 
     def radius(self, scene: Scene) -> float:

@@ -19,7 +19,7 @@ class TimedEnding(IntEnum):
     UNFINISHED = 300  # given up: the collision is not over after the largest number of windows
     FREE = 301  # the collision is over: no contact carries force, and no gap closes
     GAINED_ENERGY = 302  # the collision is over, but rounding has made energy
-    SEARCH_FAILED = 303  # given up: the first event of a window could not be found
+    SEARCH_FAILED = 303  # given up: the search for the next event failed
     HELD = 304  # given up: rigid contacts keep the active contacts at rest, so the bodies are jammed
     PULLED_OPEN = 305  # given up: a neighbouring contact pulled a rigid contact open
 
