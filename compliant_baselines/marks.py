@@ -101,8 +101,8 @@ FEW_EVENTS = 3
 #: For laws with dashpots: number of events from which all single changes of a collision are tried at once.
 MANY_EVENTS = 20
 
-#: Mass ratio m2/m1 below which a collision is examined whatever its number of events is. Such a light lower ball can
-#: take up any speed.
+#: Mass ratio m2/m1 below which a collision is examined whatever its number of events is. A lower ball as light as this
+#: can take up any speed.
 LIGHT = 0.05
 
 #: Change of a velocity by gravity, over abs(v0). From this change on, the outcome can depend on the instant at which
@@ -137,7 +137,7 @@ _DIFFERENT_REST = "by {} the lower ball comes to rest on the table, and by {} it
 
 @dataclass(frozen=True, slots=True)
 class Screening:
-    """Which collisions of an array are examined for jumps, and how; masks of shape (n,)."""
+    """Masks of shape (n,), which select the collisions of an array that are examined for jumps in three ways."""
 
     #: True for collisions on which the first pattern of changes and its opposite are tried.
     first_pair: Bools
@@ -149,7 +149,7 @@ class Screening:
 
 @dataclass(frozen=True, slots=True)
 class LargestMoves:
-    """How far outcomes move at most when single parameters change; arrays of shape (n,)."""
+    """Largest changes of outcomes when single parameters change a little; arrays of shape (n,)."""
 
     #: Largest change of a velocity, divided by the change that `JUMPS` allows. Above 1 it is a jump. It is infinite if
     #: a changed collision has no result, NaN if the collision itself has no result, and 0 if no change was tried.

@@ -5,7 +5,7 @@ p is the depth of a contact, u0 the speed of approach, M the reduced mass, omega
 **Kelvin and Voigt.** The contact F = k p + c p' may push but not pull: it ends when its force is zero. The textbook's
 formula, which the naive mapping uses, is for a contact that ends at p = 0.
 
-**A dashpot in compression only.** The spring returns the energy that it holds at the end of compression, so that u0 e =
+**A dashpot in compression only.** The spring returns the energy that it holds at the end of compression. So u0 e =
 omega p_max. Compression ends at the greatest depth of the Kelvin-Voigt contact, p_max = (u0/omega) exp(-zeta T/2), with
 T = `contact_time`. So e = exp(-zeta T/2). This is the square root of the restitution that the same zeta gives to a
 dashpot that acts in both directions.

@@ -86,7 +86,7 @@ DROP = {"mujoco": [drop_in_mujoco], "pybullet": [drop_in_pybullet, drop_on_flat_
 #: Legal time steps.
 LEGAL_STEP = Legal("step", 1e-12, 1e3, "from 1e-12 to 1000 (s)")
 
-#: Number of durations per factor of ten that are tried to find the stiffest contact for a given step.
+#: Number of durations that are tried for each factor of ten, in the search for the stiffest contact for a given step.
 PER_DECADE = 40
 
 #: A given step and shorter steps, as fractions of the given step. A contact must be good at all of them.
@@ -224,8 +224,8 @@ def _require_legal_masses(masses: Sequence[float]) -> None:
 def bodies_of_contacts(masses: Sequence[float]) -> list[tuple[tuple[float, float], float | None]]:
     """Return the two masses of each contact of two or three bodies in a line, and the mass that it carries; in kg.
 
-    If the third body is fixed, the others stand on it, one upon the other. Otherwise the mass carried is None: a
-    contact carries its lighter body. A ValueError names the illegal value.
+    If the third body is fixed, the other two bodies stand on it, one upon the other. Otherwise the carried mass is
+    given as None, which stands for the mass of the contact's lighter body. A ValueError names the illegal value.
     """
     if len(masses) == 2:
         return [((masses[0], masses[1]), None)]
@@ -368,10 +368,10 @@ def _summarise(step: float, results: Sequence[tuple[float, float]]) -> Drops:
 def scenes_of(pair: SingleImpact, step: float, places: Sequence[float]) -> list[Scene]:
     """Return for each place a scene of two balls on a table in which only one contact takes part.
 
-    A place is the instant of touch within a step, as a fraction of the step. The scenes are scenes of collisions, so
-    that the code that collisions run is tested. The start keeps the other contact out of the way. If one body is fixed,
-    B2 meets the table while B1 leaves upwards at twice the speed. If both are free, B1 meets B2 high above the table,
-    and all velocities have twice the speed added upwards.
+    A place is the instant of touch within a step, as a fraction of the step. The scenes are made like those of
+    collisions. So the drops test the code that also runs collisions. The start keeps the other contact out of the way.
+    If one body is fixed, B2 meets the table while B1 leaves upwards at twice the speed. If both are free, B1 meets B2
+    high above the table, and all velocities have twice the speed added upwards.
     """
     (light, heavy), contact, speed = sorted(pair.masses), pair.contact, pair.speed
     # far enough that the other contact stays open until the contact is over, with room to spare

@@ -95,7 +95,7 @@ class ManyRuns(NamedTuple):
         until = np.append(self.start[1:], 0)
         is_last = np.diff(self.sequence, append=len(ends)) != 0
         until[is_last] = ends[self.sequence[is_last]]
-        with np.errstate(invalid="ignore"):  # infinity minus infinity gives NaN, which counts as a long state
+        with np.errstate(invalid="ignore"):  # infinity minus infinity is NaN: a long state
             return until - self.start
 
 

@@ -2,7 +2,7 @@
 
 Each function in `RUNS` makes two bodies that meet along z, runs the text unchanged, and takes steps. Body A comes down
 on body B. A fixed B is a plane, a thick plate or a large sphere. Gravity and the engine's damping of free flight are
-switched off; all other settings are the engine's defaults. Engines are imported only when a drop is made, so that this
+switched off; all other settings are the engine's defaults. Engines are imported only when a drop is made. So this
 module can be imported on a machine without them.
 """
 

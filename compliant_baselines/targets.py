@@ -90,7 +90,7 @@ class ContactRequest(NamedTuple):
 
     @property
     def pulling_damping(self) -> float:
-        """Damping in N s/m that gives the restitution to a contact that may pull, until the bodies part."""
+        """Damping in N s/m that gives the restitution to a contact that may pull until its bodies part."""
         return self._damping(textbook_damping_ratio(self.restitution))
 
     @property

@@ -120,7 +120,7 @@ class Body:
 
 @dataclass(frozen=True, slots=True)
 class MaterialContact:
-    """Contact of two bodies, of which at least one is a ball; otherwise it raises a ValueError."""
+    """Contact of two bodies. At least one of them must be a ball; otherwise a ValueError is raised."""
 
     upper: Body
     lower: Body

@@ -43,7 +43,7 @@ class Outcome:
         `pair.grazing.NEAR`, and None if it was not computed.
     mark : str
         One sentence that warns of the outcome, or empty. An outcome gets a mark if it is very near a jump or a cut-off:
-        a tiny change of the input would change the velocities. Statistics leave marked outcomes out.
+        a tiny change of the input may change the velocities a lot. Statistics leave marked outcomes out.
     n_events : int
         Number of events.
     diagnostics : mapping of str to float

@@ -46,9 +46,9 @@ NAME = "state-transition"
 #: Impact laws by name: the model's own law, and the law of Liu, Zhao and Brogliato (`pair.law`).
 LAWS = {"jia-mason-erdmann": Law.STATE_TRANSITION, "liu-zhao-brogliato": Law.LIU_ZHAO_BROGLIATO}
 
-#: Number of events after which a collision of two balls is given up, after about a second. At extreme stiffness ratios
-#: a collision has about 50/(1 - e) events, where e is the restitution of the contact that oscillates. The ratio
-#: of the frequencies of both modes is a further bound of this number.
+#: Largest number of events of a collision of two balls; they take about a second. A collision that needs more is given
+#: up. At extreme stiffness ratios a collision has about 50/(1 - e) events, where e is the restitution of the contact
+#: that oscillates. The ratio of the frequencies of both modes is a further bound of this number.
 MAX_EVENTS = 2_000_000
 
 

@@ -41,8 +41,8 @@ CHANGE = 2.0
 #: limits of first order.
 RESOLVED = 1 / 16
 
-#: Fraction of the largest correction of all velocities. Smaller corrections are not used to find the order of
-#: convergence.
+#: Fraction of the largest correction of all velocities. Corrections that are smaller than this fraction are not used to
+#: find the order of convergence.
 SMALL = 0.1
 
 #: Factor on the velocity changes in the first time step of each contact. The product is stated as an error of the
@@ -59,9 +59,9 @@ WHOLE = 0.01
 #: their limit 2 Vn - V(n-1) is wrong by at most this factor times x.
 MEETINGS = 3.0
 
-#: Largest last change of a speed of separation, over this speed, at which a straight line through the last two runs
-#: leads to its limit. Bodies that part slowly have the speed that is left of a vibration. This speed is the length of a
-#: vector, which is not a linear function of the step where it is smallest.
+#: Largest change of a speed of separation between the last two runs, over this speed, with which the limit may be taken
+#: from a straight line through both runs. Bodies that part slowly have the speed that is left of a vibration. This
+#: speed is the length of a vector, which is not a linear function of the step where it is smallest.
 STRAIGHT = 1 / 3
 
 #: Largest factor on the last change of a rate, whose product with this change is stated as error if changes grow from
@@ -192,7 +192,8 @@ def extrapolate(
     velocities
         Final velocities in m/s of n >= 3 runs, shape (n, N axes). Each run has half the step of the run before.
     touch_doubt
-        Change in m/s that depends on when within a step contacts touch (`_touch_doubt`).
+        Bound in m/s on how much velocities depend on the instants within a step at which contacts touch
+        (`_touch_doubt`).
     parting
         Conditions under which the bodies part.
     same_states
@@ -200,7 +201,7 @@ def extrapolate(
     orders
         Number of orders that may be extrapolated: 1 or 2.
     gravity_doubt
-        Change in m/s that depends on when within a step gravity and the collision end.
+        Bound in m/s on how much velocities depend on the instants within a step at which gravity and the collision end.
     """
     limits = 2 * velocities[1:] - velocities[:-1]
     doubt = DOUBT * np.abs(velocities[-1] - velocities[-2])
@@ -285,8 +286,8 @@ def _flight_doubt(before: AnyRun, last: AnyRun) -> float:
 
     The lead of a flight is the time by which a gap closes after the flight has begun, or before it would have begun. It
     is extrapolated to a step of zero as velocities are. The flight is in doubt if the lead changes its sign on the way,
-    or is too short to have a clear sign. Gravity then may or may not act in the contact whose closing ends or prevents
-    the flight.
+    or is too short to have a clear sign. A contact ends or prevents the flight when its gap closes. In this contact
+    gravity then may or may not act.
     """
     earlier, (now, contact), scene = before.flight_lead.time, last.flight_lead, last.scene
     if not scene.gravity or not math.isfinite(now):
@@ -304,7 +305,7 @@ def _touch_doubt(runs: Sequence[AnyRun]) -> float:
     A dashpot misses a part of its first step, and the impulse of this step shrinks with the step. A rigid contact gives
     its whole impulse in its first step, whatever the step's length. So nothing is missing. There are three exceptions.
     Neighbouring contacts may begin in the same step, and their impulses then depend on one another. The engine may
-    solve contacts only to its `World.accuracy`. Or it gives slow contacts no restitution.
+    solve contacts only to its `World.accuracy`. Or the engine gives slow contacts no restitution.
 
     In a plane normals turn, and impulses turn with them. The change is at most the angle times the speed.
     """
@@ -375,14 +376,13 @@ def estimate_limit(
     first
         The finished run at the user's step h.
     convergence
-        Accuracy that is asked of the limit.
+        Requested accuracy of the limit, and largest number of halvings.
     max_steps
         Largest number of time steps of the run at h and of runs at longer steps. A run at the step h/n may take n times
         this number. It may also take at most n `PATIENCE` times the number of time steps of the run at h.
 
-    Returns
-    -------
-    The limit, or None if too few runs came to an end. Second, the reason why the limit is not converged, or ``""``.
+    Returns ------- Two values. The first one is the limit, or None if too few runs came to an end. The second one is
+    the reason why the limit is not converged, or ``""``.
     """
     scene, runs, failure = first.scene, [first], ""
     tolerance = convergence.tolerance * scene.speed

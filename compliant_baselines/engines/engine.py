@@ -56,7 +56,7 @@ def standard_error_without(beginning: bytes) -> Generator[None]:
     """Hold back what is written to standard error, and write it at the end without lines that have this beginning."""
     try:
         terminal = os.dup(2)
-    except OSError:  # standard error is closed, so that nothing can appear on it
+    except OSError:  # standard error is closed, so nothing can appear on it
         yield
         return
     with tempfile.TemporaryFile() as held:

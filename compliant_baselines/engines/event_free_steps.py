@@ -44,7 +44,8 @@ BALL_BALL, BALL_TABLE = 1, 2
 #: In place of a set of active contacts, before the first step of a run.
 NOT_STARTED = -1
 
-#: Multiple of the largest energy of a settled ball. A ball with more energy cannot settle within the time s of rule 1.
+#: Multiple of the largest energy of a settled ball. A ball with more energy cannot settle within the time s of rule 1
+#: in the module's docstring.
 SAFE_ENERGY = 16.0
 
 
@@ -118,10 +119,10 @@ def _time_to_event(carries, k, c, gap, rate, acceleration):  # pragma: no cover 
 
 @strict_helper
 def b2_has_settled(v2, x2, masses, numbers, multiple):  # pragma: no cover (compiled)
-    """Return True if B2's energy about equilibrium is at most a multiple of the energy at which it can settle.
+    """Return True if B2's energy about equilibrium is at most `multiple` times its energy of settling.
 
-    With this energy B2 can just unload its support. `v2` in m/s and `x2` in m are its velocity and height; `numbers` is
-    a record of `SCENE_NUMBERS`.
+    The energy of settling is the energy with which B2 can just unload its support. `v2` in m/s and `x2` in m are its
+    velocity and height; `numbers` is a record of `SCENE_NUMBERS`.
     """
     m2, k2, displacement = masses[1], numbers.k2, x2 + numbers.depth_of_b2
     energy = m2 * v2 * v2 + k2 * displacement**2
@@ -130,9 +131,9 @@ def b2_has_settled(v2, x2, masses, numbers, multiple):  # pragma: no cover (comp
 
 @strict_helper
 def both_balls_have_settled(v1, v2, x1, x2, masses, numbers, multiple):  # pragma: no cover (compiled)
-    """Return True if both balls' energy about equilibrium is at most a multiple of that at which they can settle.
+    """Return True if the balls' energy about equilibrium is at most `multiple` times their energy of settling.
 
-    With this energy the balls can just unload one of their contacts.
+    The energy of settling is the energy with which the balls can just unload one of their contacts.
     """
     m1, m2, g, k1, k2 = masses[0], masses[1], numbers.gravity, numbers.k1, numbers.k2
     energy = m1 * v1 * v1 + m2 * v2 * v2

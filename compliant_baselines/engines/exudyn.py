@@ -1,17 +1,17 @@
 """Exudyn: mass points in a line with `ObjectContactSphereSphere`, solved by the engine's implicit solver.
 
-**Laws.** With `impactModel` 0 a contact has F = k delta + c delta' while spheres overlap. The contact may pull, so that
-its law is `linear-dashpot`. With models 1 and 2 it has F = k delta (1 + a delta'), damped in proportion to the depth.
-These models compute a from the restitution e and from the speed u at which *this* contact begins (the engine's
+**Laws.** With `impactModel` 0 a contact has F = k delta + c delta' while spheres overlap. The contact may pull. So its
+law is `linear-dashpot`. With models 1 and 2 it has F = k delta (1 + a delta'), damped in proportion to the depth. These
+models compute a from the restitution e and from the speed u at which *this* contact begins (the engine's
 ObjectContactSphereSphere.rst). The exact solver `hunt-crossley` uses one speed for all contacts. So it does not solve
 these two models, and no other exact solver does.
 
 * Model 1 has a = 3 (1 - e)/(2 u), after Hunt and Crossley. Its restitution is larger than e.
-* Model 2 has a = 3 (1 - e) (11 - e)/(2 (1 + 9 e) u), after Carvalho and Martins, and a = (1 - e^2)/(e u) up to e = 1/3,
-  after Gonthier and others. The restitution of a contact alone is within some 1e-3 of e.
+* Model 2 has a = 3 (1 - e) (11 - e)/(2 (1 + 9 e) u), after Carvalho and Martins, and a = (1 - e^2)/(e u) for e of at
+  most 1/3, after Gonthier and others. The restitution of a contact alone is within some 1e-3 of e.
 
 If bodies touch and are at rest, the speed at which their contact begins goes to zero with the step, and the damping
-grows beyond all bounds. So under models 1 and 2 a ball that rests on the table stays there when it is struck.
+grows beyond all bounds. So in models 1 and 2 a ball that rests on the table stays there when it is struck.
 
 **Integration** is by Newmark's method, the trapezoidal rule. The engine's default is the generalised alpha method,
 whose acceleration follows the force with a delay: after every step 0.73 of the difference is left, with opposite sign.
@@ -21,7 +21,7 @@ would also end some 20 steps late.
 **Bodies.** The table is a fixed sphere with the radius of the balls. Along one line it acts as a plane would.
 
 **Units** are the radius, the mass of ball 1, and the shortest contact period over 2 pi. They are needed because the
-engine's tolerances are absolute numbers.
+engine's tolerances are absolute: they do not scale with the motion.
 """
 
 from __future__ import annotations

@@ -274,7 +274,7 @@ class Mujoco(Engine):
     def running(self) -> Generator[None]:
         """Switch off the clock of the engine's profiler, and its warnings on the terminal and in its log file.
 
-        `MjData` still counts warnings.
+        `MjData` still holds the number of warnings.
         """
         mujoco = import_module("mujoco")
         warn, clock = mujoco.get_mju_user_warning(), _clock()
@@ -340,7 +340,7 @@ def _read_back(
     solref, solimp = model.pair_solref[contacts], model.pair_solimp[contacts]
     share = solimp[:, 0] / solimp[:, 1]
     is_time_constant = solref[:, 0] > 0
-    shortest = 2 * model.opt.timestep  # the engine lengthens shorter time constants to two steps (refsafe)
+    shortest = 2 * model.opt.timestep  # shorter time constants are lengthened to this time (refsafe)
     solref[is_time_constant, 0] = np.maximum(solref[is_time_constant, 0], shortest)
     pairs = [MujocoContact(tuple(ref), tuple(imp)) for ref, imp in zip(solref, solimp, strict=True)]
     direct = -np.array([pair.direct for pair in pairs])

@@ -257,8 +257,8 @@ class NewtonWorld(World):
 def stiffness_and_damping(scene: Scene) -> list[tuple[float, float]]:
     """Return the stiffness in N/m and the damping in N s/m of each contact.
 
-    A dashpot that acts in compression only needs the damping with which a dashpot in both directions gives e^2
-    (`restitution`).
+    Newton's dashpots act only in compression. For the restitution e they need the damping with which a dashpot that
+    acts in both directions gives e^2 (`restitution`).
     """
     if scene.mapping == "shipped":
         return [(SHIPPED_STIFFNESS, SHIPPED_DAMPING)] * len(scene.stiffnesses)

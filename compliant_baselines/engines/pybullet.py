@@ -1,14 +1,14 @@
 """PyBullet: spheres on a plane; docs/mapping.md, section 2, gives the reason for each setting.
 
-**Bodies.** The engine combines the stiffness and damping of two bodies. Of two balls on a table the upper ball has the
-parameters of contact 1, and the table has those of contact 2. The lower ball is rigid and undamped. In any other line a
-ball consists of two parts at the same place: its base, and a massless link that is fixed to the base. The base meets
-the ball below and has the parameters of this contact. The link meets the ball above and is rigid and undamped. In a
-plane a ball has one part, the base or a link, for each of its contacts. The part of the first body of a contact has its
-parameters. Filters let only the two parts of a contact meet.
+**Bodies.** The engine combines the stiffness and damping of two bodies. In the case of two balls on a table, the upper
+ball has the parameters of contact 1, the table has the parameters of contact 2, and the lower ball is rigid and
+undamped. In any other line a ball consists of two parts at the same place: its base, and a massless link that is fixed
+to the base. The base meets the ball below and has the parameters of this contact. The link meets the ball above and is
+rigid and undamped. In a plane a ball has one part, the base or a link, for each of its contacts. The part of a
+contact's first body has the parameters of the contact. Filters let only the two parts of a contact meet.
 
-Balls without a link are bodies in maximal coordinates, whose steps take 60 % of the time of a multibody's steps. A
-broadphase that tries every pair of bodies saves another seventh.
+Balls without a link are bodies in maximal coordinates. Their steps take 60 % of the time of a multibody's steps. A
+broadphase that tries every pair of bodies saves another seventh of the time.
 
 **Steps.** A call from Python that takes a step and two calls that read velocities take longer than the step itself.
 While nothing can happen (`engines.event_free_steps`), one call takes at most `STRIDE` steps, and the results are the

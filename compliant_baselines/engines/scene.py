@@ -5,9 +5,10 @@ where it and all bodies below it just touch. The last body is the table, if ther
 x_{i+1}; the contact with the table has the gap x_N.
 
 **In a plane** a body has two coordinates, x and z, and coordinates are ordered by body. So N bodies have 2 N velocities
-and 2 N heights, and in a line they have N. Heights are displacements from the places where all contacts just touch.
-With the matrix J of the contacts' fixed normals, J x are the gaps. In fact normals turn, by displacement over distance.
-This is only a millionth, because radii in a plane are larger by the factor `WIDER` (`radius_of`).
+and 2 N heights, and in a line they have N. Heights are displacements from the places where all contacts just touch. The
+gaps are J x, where x are the heights, and a row of the matrix J contains the normal of a contact at the start. In fact
+normals turn a little: the angle is the displacement over the distance of the centres. The angle is only a millionth,
+because radii in a plane are larger by the factor `WIDER` (`radius_of`).
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ from impact_xval.model.collision import Collision
 if TYPE_CHECKING:
     from impact_xval.model.graph.collision import GraphCollision
 
-#: Factor on the radii of balls in a plane. It keeps normals from turning much.
+#: Factor by which the radii of balls are larger in a plane than in a line. It keeps normals from turning much.
 WIDER = 2.0**20
 
 
@@ -135,7 +136,7 @@ class Scene:
 
     @property
     def closing(self) -> Floats:
-        """Displacement over the radius by which each touching contact overlaps by a radius; shape (N axes,)."""
+        """Displacements of the balls, in radii, that make touching contacts overlap by a radius; shape (N axes,)."""
         if self.graph is not None:
             J = self.graph.jacobian
             return np.asarray(np.linalg.lstsq(J, -np.ones(len(J)), rcond=None)[0], np.float64)

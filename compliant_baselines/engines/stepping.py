@@ -146,7 +146,7 @@ class Run:
     first_flight
         State at the beginning of a drop's first flight; None without a flight.
     effective, accuracy, dropped
-        The members of these names of the `World`.
+        Copies of the members of the same names of the `World`, the scene inside the engine.
     turning
         0, because normals in a line do not turn.
     """
@@ -393,9 +393,9 @@ class Run:
         return np.cumsum(np.array(c.masses) * changes, axis=-1)[..., : len(c.stiffnesses)]
 
     def merged_states(self, shortest_state: float) -> Runs:
-        """Return the filtered sequence of states, with times in steps (`states.merge_runs`).
+        """Return the sequence of sets of active contacts, without very short states; times are numbers of steps.
 
-        `shortest_state` is `Settings.shortest_state`.
+        `states.merge_runs` removes the states that are shorter than `shortest_state` times the shortest contact period.
         """
         c = self.scene
         closed = int((c.gaps == 0) @ _bits(len(c.stiffnesses)))

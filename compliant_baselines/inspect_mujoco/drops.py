@@ -176,7 +176,7 @@ def measure_contact(
 
 
 def _compile_alone(bodies: Bodies, option: MujocoOption, step: float, speed: float, exact: bool) -> Any:
-    """Return a compiled scene of two bodies with the user's options; the lighter body is above.
+    """Return a compiled scene of two bodies with the user's options. The lighter body is above the heavier body.
 
     The relative height of the bodies is the gap between them. The radius is the depth that a drop at this speed could
     reach before it is given up.

@@ -28,7 +28,7 @@ mujoco: Any = import_module("mujoco")  # type checkers do not see the names of t
 #: Number of steps in a contact below which its restitution is wrong by 10 % or more.
 FEWEST_STEPS = 30
 
-#: Number of steps in a contact that a good time step gives.
+#: A time step is good if a contact lasts for this number of steps.
 GOOD_STEPS = 100
 
 #: Largest relative change of an impedance with the depth at which it is taken for constant.

@@ -239,8 +239,8 @@ class Dart(RigidEngine):
     def refusal(self, scene: Scene) -> str | None:
         """Return a sentence that says why DART cannot take a scene, or None.
 
-        DART refuses a scene if it would suppress the rebound of a first impact, or limit its speed. With its default
-        settings it takes such scenes, because its default behaviour is then what was asked for.
+        A scene is refused if DART would suppress the rebound of a first impact, or limit its speed. If DART runs with
+        its default settings, the scene is accepted, because DART's default behaviour is then what was asked for.
         """
         if scene.mapping == "shipped":
             return super().refusal(scene)

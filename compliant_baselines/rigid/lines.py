@@ -11,10 +11,11 @@ the e of the contact. Where an engine multiplies the numbers of both bodies, the
 plane, has `Settings.partner_restitution`, by default 1. Each contact with a fixed body has its own plane. Two shapes of
 different contacts cannot meet.
 
-**In a plane** normals turn, by displacement over radius. In double precision radii are larger by the factor
-`PLANE_WIDER`. Single precision does not resolve the steps of balls that are so large. There normals turn by about a
-thousandth in a step of a thousandth of a period, if an engine takes several steps for a single impact. In the limit dt
--> 0 this vanishes, and a bound on it is part of the limit's error.
+**In a plane** normals turn by the displacement over the radius. In double precision radii in a plane are larger by the
+factor `PLANE_WIDER` than in a line. So normals hardly turn. Single precision cannot resolve how far balls of this size
+move in a step. So in engines of single precision radii are not larger. There normals turn by about a thousandth in a
+step of a thousandth of a period, if an engine takes several steps for a single impact. In the limit dt -> 0 this
+vanishes, and a bound on it is part of the limit's error.
 
 **Rest.** Relative velocities of at most `RigidWorld.resolution` times the largest speed at the start are reported as 0.
 Otherwise a collision would not be over until a gap has closed at 1e-17 m/s.
@@ -111,7 +112,7 @@ class RigidWorld(World):
         return [tuple(centre) for centre in in_space(self.places + self.heights, self.axes).tolist()]
 
     def spheres(self, ball: int) -> list[Sphere]:
-        """Return the spheres of a ball: first those of contacts in which it is the first body, then the others."""
+        """Return the spheres of a ball. Spheres for contacts in which the ball is the first body come first."""
         as_first, as_second = self._arrangement.sides(ball)
         spheres: list[Sphere] = []
         for contact in [*as_first, *as_second]:
@@ -159,7 +160,8 @@ class RigidEngine(Engine):
     """Base class of rigid engines: contacts have restitutions. Stiffnesses only determine the length of a step."""
 
     kind, law = "rigid", None
-    #: Factor by which radii are larger in a scene in a plane; it is `PLANE_WIDER` for engines in double precision.
+    #: Factor by which the radii of balls are larger in a scene in a plane than in a line. It is `PLANE_WIDER` for
+    #: engines in double precision, and 1 for engines in single precision.
     plane_wider: float = 1.0
 
     def radius(self, scene: Scene) -> float:

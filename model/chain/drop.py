@@ -37,7 +37,7 @@ from impact_xval.model.chain.series import place
 from impact_xval.model.compiled import kernel_helper
 from impact_xval.model.pair.law import Phase
 
-#: Number of windows without an event after which `settles` is called, and called again.
+#: `settles` is called whenever this number of windows has passed without an event.
 QUIET = 6
 
 #: Rounding error of a bound of `modal_bounds`, as a share of the bound.

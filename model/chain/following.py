@@ -279,7 +279,7 @@ def closed_forms(records: Records) -> list[Ending]:
 
 
 def too_far_apart(collisions: Collisions) -> Booleans:
-    """Return for each collision whether two of its masses or stiffnesses differ by more than `MASS_PRECISION` times."""
+    """Return True for each collision in which masses or stiffnesses differ by more than the factor `MASS_PRECISION`."""
     beyond = np.zeros(len(collisions), bool)
     for values in (collisions.masses, collisions.stiffnesses):
         with np.errstate(over="ignore", invalid="ignore"):

@@ -69,7 +69,7 @@ FIRST_STEP = 1e-3
 
 
 class Action(IntEnum):
-    """What the kernel does next with a chain."""
+    """Action that the kernel takes next with a chain."""
 
     END = 0  # stop, because the collision is over
     FLY = 1  # move the bodies without forces until a gap closes
@@ -98,8 +98,8 @@ class Window(NamedTuple):
 def next_action(c, n):
     """Return the next action of a chain without gravity, the contact whose gap closes first, and the time until then.
 
-    Contact and time have a meaning for the action FLY only. An active contact at rest without deformation carries no
-    force, so it does not prevent a flight.
+    The returned contact and time have a meaning only if the action is FLY. An active contact at rest without
+    deformation carries no force, so it does not prevent a flight.
     """
     first, first_contact = inf, -1
     for i in range(n):

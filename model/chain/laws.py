@@ -16,13 +16,13 @@ A contact is INACTIVE while it carries no force. Positions are *frozen* in the m
 contact keeps delta = 0, and it returns when its bodies begin to approach. If positions are not frozen, it returns when
 its gap has closed.
 
-`STATE_TRANSITION` with moving positions is called *bistiffness*. Under it an end of compression moves the point of zero
-force by (1 - e^2) delta into the contact, for the rest of the collision. So when restitution ends, the gap is exactly
-zero.
+`STATE_TRANSITION` with moving positions is called *bistiffness*. With this law an end of compression moves the point of
+zero force by (1 - e^2) delta into the contact, for the rest of the collision. So when restitution ends, the gap is
+exactly zero.
 
 In a drop with gravity the lower ball has settled on the table. Deformations of its contact are counted from the
-equilibrium depth (`equilibrium_depth`), so that the weight does not have to cancel against a force. An end of
-compression takes the share 1 - e^2 of the whole strain energy of this contact, including the strain by the weight.
+equilibrium depth (`equilibrium_depth`). So no large force has to cancel against the weight. An end of compression takes
+the share 1 - e^2 of the whole strain energy of this contact, including the strain by the weight.
 
 A contact with a dashpot pushes from first touch on, and its force ends while its bodies still overlap. The contact is
 then SLACK: it carries no force, and is loaded again if a neighbour pushes its bodies together. Three kinds of contact
@@ -67,7 +67,7 @@ class Law(IntEnum):
 
 
 class Watched(IntEnum):
-    """Function of time, of one contact, whose zero may be an event."""
+    """Function of time that belongs to a contact. A zero of the function may be an event."""
 
     FORCE = 0  # a function with the sign of the force of a contact with a dashpot, not cut off at zero
     GAP = 1  # the deformation delta; at its zero a gap or an overlap ends
@@ -162,7 +162,7 @@ def force_indicator(contact, delta, w, dw):
 
 @kernel_helper
 def deactivate(contact):
-    """Make a contact inactive. It keeps its stiffness, with which it compresses again if it returns."""
+    """Make a contact inactive. If it becomes active again, it compresses with the stiffness that it has now."""
     contact.phase = Phase.INACTIVE
     contact.delta = 0.0 - equilibrium_depth(contact)
 

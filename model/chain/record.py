@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 
 class ChainEnding(IntEnum):
-    """How the kernel's computation of a chain ended.
+    """Ways in which the kernel's computation of a chain can end.
 
     `following.Problem.outcomes` translates the endings without a result into a status and a sentence. Its callers do
     this for `UNFINISHED`. The values differ from all values of `pair.record.PairEnding`. So an ending of one kernel

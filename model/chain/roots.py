@@ -32,7 +32,7 @@ from impact_xval.model.compiled import kernel_helper
 #: touches zero to rounding.
 SHORTEST = 1e-10
 
-#: Number of intervals after which the search is given up. If numbers overflow it would otherwise never end.
+#: Largest number of intervals. A search that needs more is given up. If numbers overflow it would otherwise never end.
 MOST_INTERVALS = 500
 
 

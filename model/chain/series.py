@@ -65,7 +65,7 @@ def largest_eigenvalue(c, n, stiffnesses):
 def window_length(c, n, work):
     """Return the length of a window, over which the power series is valid; infinite if no contact is active.
 
-    Under Hunt-Crossley's law the length is only a first guess.
+    For Hunt-Crossley's law the length is only a first guess.
     """
     for i in range(n):
         contact, scratch = c[i], work[i]

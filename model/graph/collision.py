@@ -337,7 +337,7 @@ def _is_number_of(body: object, bodies: int) -> bool:
 
 
 def _checked_contact(name: str, contact: BodyContact, bodies: int, dimension: int) -> BodyContact:
-    """Check all fields of a contact, and return the contact with its numbers as floats."""
+    """Check all fields of a contact, and return the contact with its values as floats."""
     first, second = contact.bodies
     if not _is_number_of(first, bodies) or not (second is None or _is_number_of(second, bodies)):
         raise ValueError(

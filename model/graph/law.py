@@ -10,10 +10,10 @@ contact i, w_i its rate of compression, k_i its running stiffness, e_i its resti
 | end of restitution | F_i falls to 0 in restitution | inactive, k_i stays |
 | return | w_i of an inactive contact rises through 0 | compression from F_i = 0 |
 
-**Start rule.** The rule is applied at first touch and after every event. A contact without force becomes active if
-w_i > 0. If w_i = 0, the contact becomes active if the first non-zero derivative of w_i is positive
-(`graph.motion.expand`). The rule covers a contact far down a row of balls whose end is struck, a contact between two
-loads that balance, and a contact that its neighbour pulls open.
+**Start rule.** The rule is applied at first touch and after every event. A contact without force becomes active if w_i
+> 0. If w_i = 0, the contact becomes active if the first non-zero derivative of w_i is positive (`graph.motion.expand`).
+The rule covers three cases: a contact far from the struck end of a row of balls, a contact between two loads that
+balance, and a contact that its neighbour pulls open.
 
 **Restitution 0.** At e_i = 0 an end of compression makes the contact infinitely stiff. From then on its phase is RIGID
 while its neighbours press it together, and INACTIVE while they do not (`graph.rigid`).
@@ -38,7 +38,7 @@ from impact_xval.model.graph.state import GraphPhase
 
 
 class GraphWatched(IntEnum):
-    """Function of time, of one contact, whose zero may be an event."""
+    """Function of time that belongs to a contact. A zero of the function may be an event."""
 
     FORCE = 0  # the force F_i of the contact
     RATE = 1  # the rate of compression w_i of the contact
@@ -79,7 +79,7 @@ def deactivate(contact):
 
 @kernel_helper
 def reactivate(contact):
-    """Put an inactive contact into compression, from the force 0.
+    """Put an inactive contact into compression; its force begins at 0.
 
     A contact that has become rigid stays inactive here: `graph.rigid` makes it RIGID when a load presses it.
     """

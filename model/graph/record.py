@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 
 class GraphEnding(IntEnum):
-    """How the kernel's computation of a graph ended.
+    """Ways in which the kernel's computation of a graph can end.
 
     The values differ from all values of `chain.record.ChainEnding` and `pair.record.PairEnding`. So an ending of one
     kernel cannot be taken for an ending of another.
@@ -22,7 +22,7 @@ class GraphEnding(IntEnum):
     UNFINISHED = 200  # given up: the collision is not over after the largest number of windows
     FREE = 201  # the collision is over: no contact is active, and no bodies approach
     GAINED_ENERGY = 202  # the collision is over, but rounding has made energy
-    SEARCH_FAILED = 203  # given up: the first event of a window could not be found
+    SEARCH_FAILED = 203  # given up: the search for the next event failed
     RIGID_UNDECIDED = 204  # given up: the search for the rigid contacts that press their bodies did not end
 
 

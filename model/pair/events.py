@@ -1,7 +1,7 @@
 """Search for the first event of two balls in state S1, in which both contacts are active. No event can be missed.
 
-`first_event` is the search; the other functions are its steps. Up to four functions of time are watched. Each function
-is positive until its event, at which it falls to zero:
+`first_event` is the search; the other functions are its steps. At most four functions of time are watched. Each
+function is positive until its event, at which it falls to zero:
 
 * the rate of compression of a contact in compression: at its zero, compression ends;
 * minus the rate of compression of a contact in restitution: at its zero, compression restarts;

@@ -32,7 +32,7 @@ NEAR = 0.05
 #: mode.
 SHORTEST_STRETCH = 1e-7
 
-#: Number of parts of a window after which the search for turning points is given up.
+#: Largest number of parts of a window in the search for turning points. A search that needs more is given up.
 MOST_STRETCHES = 1000
 
 

@@ -3,9 +3,9 @@
 `Contact` is one contact during a collision. `Pair` is the state of both balls and both contacts. The functions return
 the contact after an event.
 
-**Energetic restitution with stiffening** (docs/theory.md, section 2). At an end of compression E <- e^2 E and
-k <- k/e^2, so that the force F = sqrt(2 k E) is continuous. A restart of compression keeps the stiffness. A contact
-that ends restitution keeps its stiffness, too. If it becomes active again, it begins in compression with E = 0.
+**Energetic restitution with stiffening** (docs/theory.md, section 2). At an end of compression E <- e^2 E and k <-
+k/e^2, which keeps the force F = sqrt(2 k E) continuous. A restart of compression keeps the stiffness. A contact that
+ends restitution keeps its stiffness, too. If it becomes active again, it begins in compression with E = 0.
 
 **The law of Liu, Zhao and Brogliato** (Proc. R. Soc. A 464:3193, 2008) differs only in repeated compressions: each of
 them begins with the original stiffness. In their notation F = sqrt(2 k E) at all times, with dE = V dP in compression

@@ -25,7 +25,7 @@ class State(IntEnum):
 
 
 class PairEnding(IntEnum):
-    """How the kernel's computation of a collision of two balls ended.
+    """Ways in which the kernel's computation of a collision of two balls can end.
 
     The values differ from all values of `chain.record.ChainEnding`. So an ending of one kernel cannot be taken for an
     ending of the other.

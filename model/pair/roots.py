@@ -29,7 +29,7 @@ EPSILON = 2.0**-52
 #: of its amplitudes. The number must not be below `pair.grazing.NEAR`: no turning point near zero may be stepped over.
 ENVELOPE_RESERVE = 0.05
 
-#: Number of steps of `root_before` after which it halves its bracket once.
+#: `root_before` halves its bracket once after each series of this many steps.
 BISECT = 6
 
 #: Longest step, in radians of the fast mode, after which the motion is computed by the short series of

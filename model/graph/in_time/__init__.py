@@ -3,7 +3,7 @@
 The depths are measured along normals that stay fixed.
 
 - `following`: `solve_timed_graphs` solves arrays of graphs in SI units.
-- `law`: the laws, and the rules by which a contact begins, ends and returns. `state`: the record of a contact.
+- `law`: the laws, and the rules by which a contact becomes active and inactive. `state`: the record of a contact.
 - `motion`: the power series of the motion between events. `event`: the search for the first event.
 - `rigid`: contacts that become infinitely stiff. `kernel`: the compiled loop over events.
 

@@ -1,4 +1,4 @@
-"""Laws of contacts in real time, for graphs: the watched functions of a contact, and when it begins and ends.
+"""Contact laws over time, for graphs: the watched functions of a contact, and when it becomes active and inactive.
 
 Contact i has the rate of compression w_i, the force F_i, and the depth delta_i, which is counted from the surfaces that
 an earlier plastic deformation has left. W is the Delassus matrix:
@@ -24,9 +24,9 @@ An inactive contact returns when its gap has closed, where delta rises through 0
 frozen positions, delta stays 0 while a contact is inactive. The contact then returns when w rises through 0, and no
 contact is ever SLACK.
 
-**Start rule.** The rule is applied to inactive contacts with delta = 0: to all contacts at first touch, and to others
-later. Such a contact becomes active if w > 0. If w = 0, it becomes active if the first non-zero derivative of w is
-positive. If this derivative is negative, a gap opens (`in_time.motion.expand`).
+**Start rule.** The rule is applied to all contacts at first touch, and later to each inactive contact with delta = 0.
+The contact becomes active if w > 0. If w = 0, it becomes active if the first non-zero derivative of w is positive. If
+this derivative is negative, a gap opens (`in_time.motion.expand`).
 
 **End of the collision.** The collision is over when no contact carries force and no gap closes. Bistiffness has two
 closed forms, as in chains. A contact whose stiffness would grow without bound in a finite time becomes rigid

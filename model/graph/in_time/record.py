@@ -11,12 +11,15 @@ import numpy as np
 
 
 class TimedEnding(IntEnum):
-    """How the kernel's computation of a graph ended. The values differ from the endings of all other kernels."""
+    """Ways in which the kernel's computation of a graph can end.
+
+    The values differ from the endings of all other kernels.
+    """
 
     UNFINISHED = 300  # given up: the collision is not over after the largest number of windows
     FREE = 301  # the collision is over: no contact carries force, and no gap closes
     GAINED_ENERGY = 302  # the collision is over, but rounding has made energy
-    SEARCH_FAILED = 303  # given up: the first event of a window could not be found
+    SEARCH_FAILED = 303  # given up: the search for the next event failed
     HELD = 304  # given up: rigid contacts keep the active contacts at rest, so the bodies are jammed
     PULLED_OPEN = 305  # given up: a neighbouring contact pulled a rigid contact open
 
@@ -35,8 +38,8 @@ TIMED_RESULT = np.dtype(
             "n_windows",
             "i8",
         ),  # number of windows, the times over which a power series was summed, and of flights
-        # Check of the result under bistiffness: the kinetic energy that went into contacts, minus the strain energy
-        # that was lost there, divided by the energy of impact. Only rounding makes it differ from 0.
+        # Check of the result for bistiffness: the kinetic energy that went into contacts, minus the strain energy that
+        # was lost there, divided by the energy of impact. Only rounding makes it differ from 0.
         ("energy_residual", "f8"),
         ("time", "f8"),  # duration of the collision, from first touch to its end
     ],

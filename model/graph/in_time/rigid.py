@@ -1,8 +1,8 @@
-"""Contacts of a graph that become rigid under bistiffness (supplement, 3.4).
+"""Contacts of a graph that become rigid by the law of bistiffness (supplement, 3.4).
 
 Each end of compression makes a contact stiffer, and its stiffness may grow without bound in a finite time. The model's
-rule `graph.rigid.ringing_ends` says when such a contact may be treated as rigid. Under bistiffness the rule has one
-more condition: no gap closes until then.
+rule `graph.rigid.ringing_ends` says when such a contact may be treated as rigid. For bistiffness the rule has one more
+condition: no gap closes until then.
 
 A rigid contact r keeps its rate of compression w_r = 0. It is eliminated from the Delassus matrix W, as in
 `graph.rigid`: W <- W - W_r W_r^T/W_rr, and its force is F_r = -sum_j W_rj F_j/W_rr. From then on it
@@ -31,8 +31,8 @@ from impact_xval.model.pair.law import Phase
 def ringing_ends(c, W, i):
     """Return whether contact i, which has just ended compression, may be treated as rigid from this time on.
 
-    The condition is the model's, with one addition: no gap closes within twice the time after which the contact is
-    rigid.
+    The conditions are those of the model (`graph.rigid.ringing_ends`), and one more: no gap closes within twice the
+    time after which the contact is rigid.
     """
     if not rigid.ringing_ends(c, W, i):
         return False
