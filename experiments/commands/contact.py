@@ -69,30 +69,22 @@ def contact_command(
         _MASSES,
     ),
     restitution: Numbers | None = option(
-        "E [E]", "Restitution, 1e-4 to 1. By default that of the materials.", _ONE_OR_TWO
+        "E [E]", "Restitution, 1e-4 to 1; by default of the materials.", _ONE_OR_TWO
     ),
-    damping: Numbers | None = option(
-        "C [C]", "Damping in N s/m. Give it in place of a restitution.", _ONE_OR_TWO
-    ),
+    damping: Numbers | None = option("C [C]", "Damping in N s/m, in place of a restitution.", _ONE_OR_TWO),
     damping_ratio: Numbers | None = option(
-        "Z [Z]", "Damping ratio, 0 to 50. Give it in place of a restitution.", _ONE_OR_TWO
+        "Z [Z]", "Damping ratio, 0 to 50, in place of a restitution.", _ONE_OR_TWO
     ),
     stiffness: Numbers | None = option("K [K]", "Stiffness in N/m.", _ONE_OR_TWO),
-    duration: Numbers | None = option(
-        "S [S]", "Duration of a contact in s. Give it in place of a stiffness.", _ONE_OR_TWO
-    ),
-    sink: Numbers | None = option(
-        "M [M]", "Depth at rest in m. Give it in place of a stiffness.", _ONE_OR_TWO
-    ),
+    duration: Numbers | None = option("S [S]", "Duration in s, in place of a stiffness.", _ONE_OR_TWO),
+    sink: Numbers | None = option("M [M]", "Depth at rest in m, in place of a stiffness.", _ONE_OR_TWO),
     step: float | None = option(
         "S",
-        "Time step of the simulation. Give it in place of a stiffness, to get the stiffest contact for this step.",
+        "Time step, in place of a stiffness. You get the stiffest contact that this step allows.",
         parse_number,
     ),
     tolerance: float = option("X", "Allowed relative error of restitution and duration.", parse_number, 0.01),
-    solref: Numbers | None = option(
-        "A B", "MuJoCo's two numbers. Give them in place of damping and spring.", _SOLREF
-    ),
+    solref: Numbers | None = option("A B", "MuJoCo's two numbers, in place of damping and spring.", _SOLREF),
     solimp: Numbers | None = option("D ...", "MuJoCo's one to five numbers, with --solref.", _SOLIMP),
     material: list[str] | None = option(
         "NAME", "steel, glass, brass, rubber or ping-pong. Give it twice for two materials."
@@ -106,9 +98,8 @@ def contact_command(
 ) -> None:
     """Print the parameters of a contact, to paste into a scene.
 
-    Give one number for the damping and one for the spring, or give materials. The command prints the parameters as
-    text to paste, the depths, the largest usable time step, and the restitutions that test drops with these parameters
-    gave. The search for a time step can take minutes.
+    Give one number for the damping and one for the spring, or give materials. You get the parameters to paste, the
+    depths, the largest usable time step, and the results of test drops. The search for a step can take minutes.
 
     With three masses A strikes B, which is at rest on C. Give two numbers after an option: for A on B and B on C. You
     also get the impact of all three at once. PyBullet, DART and Pymunk multiply the restitutions of the two bodies.
