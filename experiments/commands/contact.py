@@ -178,8 +178,6 @@ def _target_blocks(engine: str, pairs: Sequence[SingleImpact], step: float | Non
 
     A target is one way to write a contact for the engine. `pairs` holds one pair of bodies, or two pairs for three
     bodies.
-
-    `pairs` holds one pair of bodies, or two pairs for three bodies.
     """
     from impact_xval.compliant_baselines.targets import targets_for
     from impact_xval.experiments.presentation.targets import describe_targets
