@@ -1,4 +1,4 @@
-"""Test in chains of N balls: do two bodies move as one if the contact between them becomes infinitely stiff?
+"""Test in chains of N balls, which shows whether two bodies move as one if their contact becomes infinitely stiff.
 
 The test compares a chain with its *welded* chain of N - 1 balls. In the welded chain the two bodies are one body with
 the mass and the momentum of both. If one of the two bodies is the table, the other is a ball, which becomes part of the

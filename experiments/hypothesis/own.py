@@ -1,4 +1,4 @@
-"""Test of a user's own collision: do the two bodies of its stiffest contact move as one, by each law?
+"""Test of a user's own collision, which shows by each law whether the bodies of its stiffest contact move as one.
 
 The contrast is the stiffness of the stiffest contact over the largest stiffness of the other contacts. In the *welded*
 collision the two bodies of the stiffest contact are one body with the mass and the momentum of both, or part of the
