@@ -123,7 +123,7 @@ class Summary:
         marked = read_where_present(cells, "marked").reshape(-1, len(config.solvers))
         result = (read_codes(cells, "status", RESULT_STATUSES) >= 0).reshape(marked.shape)
         beyond = (marked & result & ~marked[:, :1]).sum(axis=0).tolist()
-        #: Number of cells, and number of cells in which the model's row is marked.
+        #: Number of all cells, and number of cells in which the model's row is marked.
         self.n_cells, self.n_marked = len(marked), int(marked[:, 0].sum())
         #: For contact graphs, by solver and including the model: the largest asymmetry of a result in a symmetric
         #: graph, and the number of results in symmetric graphs. Empty for other runs.
@@ -133,9 +133,8 @@ class Summary:
         self.from_rigid_laws = (
             distances_from_rigid_laws(cells, config.solvers) if config.kind == "graph" else pd.DataFrame()
         )
-        #: For each solver, the number of cells in which only the solver's own law makes the outcome uncertain: the
-        #: solver's result lies next to a jump and is marked, and the model's result is not marked. Solvers without such
-        #: cells are missing.
+        #: For each solver, the number of cells in which the solver's result is marked, because it lies next to a jump,
+        #: while the model's result is not marked. Solvers without such cells are missing.
         self.marked_beyond = {name: n for name, n in zip(config.solvers, beyond, strict=True) if n}
 
     def get(
