@@ -68,7 +68,8 @@ class SolverComparison:
     ----------
     problem : Collision
     outcomes : mapping of str to Outcome
-        Outcomes by solver, among them that of the model (`REFERENCE`). Velocities are in m/s, impulses in N s.
+        Outcomes by solver. The outcome of the model (`REFERENCE`) is among them. Velocities are in m/s, impulses in N
+        s.
     chain : ChainSetup or None
         Setup of a chain, if it is known. It is described above the table.
     versions : mapping of str to str
@@ -82,7 +83,7 @@ class SolverComparison:
 
     @property
     def is_chain(self) -> bool:
-        """True unless the problem is that of the paper: two balls on a table that were not set up as a chain."""
+        """Whether the problem is a chain. It is false for two balls on a table that were not set up as a chain."""
         return self.chain is not None or not self.problem.falls_on_resting
 
     @property

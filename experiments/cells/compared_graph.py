@@ -51,7 +51,7 @@ class GraphComparison:
     ----------
     problem : GraphCollision
     outcomes : mapping of str to GraphCollisionOutcome
-        Outcomes by solver or rigid law, among them that of the model (`REFERENCE`).
+        Outcomes by solver or rigid law. The outcome of the model (`REFERENCE`) is among them.
     setup : str
         Setup of the graph in words.
     versions : mapping of str to str

@@ -87,7 +87,8 @@ class ExplorerCells:
     def _solve(self, typed: tuple[tuple[str, str], ...], names: tuple[str, ...]) -> dict[str, Outcome]:
         """Solve a collision by engines or by exact solvers, and return the outcomes by name.
 
-        Engines solve one collision at a time, and so do exact solvers. A later request waits for the earlier one.
+        At any time at most one collision is solved by engines, and at most one by exact solvers. A later request waits
+        until the earlier request is answered.
         """
         collision, chain, config = parse_collision(dict(typed))
         engines, points = names != EXACT, None if chain is None else 0

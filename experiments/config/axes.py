@@ -57,7 +57,7 @@ LEGAL = {
 #: Axes whose values are whole numbers.
 _WHOLE = ("balls", "strike")
 
-#: Largest number of cells of an experiment. The tables of a larger one would not fit on an ordinary disk.
+#: Largest number of cells of an experiment. The tables of a larger experiment would not fit on an ordinary disk.
 MAX_CELLS = 10_000_000
 
 #: Largest number of values on an axis that is given by its two ends and a number of values. The limit is needed because

@@ -43,8 +43,8 @@ from impact_xval.experiments.config.graphs import GRAPH_AXES, GraphGrid, named_g
 from impact_xval.experiments.config.renamed import EXPERIMENT_KEYS, rename_keys
 from impact_xval.model.inputs import GRAZING_THRESHOLD, LEGAL_CUTOFF, V0, Cutoff, legal_cutoff
 
-#: Keys that decide which cells are computed. An experiment has at most one of them; without any it has the built-in
-#: grid.
+#: Keys that decide which cells are computed. An experiment has at most one of these keys. If it has none of them, its
+#: cells are those of the built-in grid.
 DESIGNS = ("grid", "sample", "cells", "chain", "graph")
 
 #: Kind of the cells of an experiment, the same for all of them: two balls on a table, a chain of N balls, or a contact
@@ -61,7 +61,7 @@ NOUN_OF: Mapping[CellKind, str] = {"pair": "cells", "chain": "chains", "graph": 
 #: a chunk contains the values in the file and not the place of the file.
 COSMETIC = ("name", "workers", "figure_cell", "figure_chain", "cells")
 
-#: Name of the model, with which every other solver is compared. It is part of every run.
+#: Name of the model. Every other solver is compared with the model, and the model is part of every run.
 REFERENCE = "state-transition"
 
 _NAME = "1 to 100 printable characters"

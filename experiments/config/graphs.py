@@ -183,7 +183,7 @@ class GraphGrid(Axes):
     def varied(self) -> dict[str, list[float] | list[str]]:
         """Return the names of the graphs, and the values on every axis that at least one of the graphs has.
 
-        Without angles in the file each graph has its own default angles, and the axis of angles is not in the result.
+        If the file gives no angles, each graph has its own default angles, and the axis of angles is not in the result.
         """
         axes: dict[str, list[float] | list[str]] = {"name": self.name}
         keys = [key for key in GRAPH_AXES if key in _LEGAL and key not in self.unused_axes]

@@ -109,7 +109,8 @@ def experiment_keys(model: type[BaseModel] = Config, before: str = "") -> Iterat
     Raises
     ------
     KeyError
-        If a key has no entry in `MEANINGS`, or neither a description nor an entry in `LEGAL`.
+        If a key has no entry in `MEANINGS`, or if its legal values are given neither by a description nor by an entry
+        in `LEGAL`.
     """
     for field_name, field in model.model_fields.items():
         table, name = _table_of(field), before + field_name

@@ -54,7 +54,7 @@ def draw_chains(
     The stiff contact is the one that a test makes stiffer and stiffer. In the chains that are returned, it is only as
     stiff as the stiffest of all other contacts. `points` is the number of chains, and `balls` the least and the largest
     number of balls in a chain. `place` is the arrangement and the position of the stiff contact. In a cradle two balls
-    strike, and the middle contact is the contact between these two balls and the others.
+    strike, and the middle contact is the contact between the second of these balls and the third ball of the chain.
     """
     arrangement, where = place
     rng = np.random.default_rng((seed, PLACES.index(place)))

@@ -117,7 +117,7 @@ class OwnCollision(Strict):
 def load_own_collision(path: Path) -> tuple[Collision, int | None] | None:
     """Return the collision in a TOML file and the index of its stiff contact.
 
-    The index is None if the file names no stiff contact. Then the stiffest contact is the stiff one.
+    The index is None if the file names no stiff contact. In that case the stiffest contact is taken.
 
     The result is None if the file holds the configuration of a test of the hypothesis instead.
     """

@@ -1,6 +1,6 @@
 """Corners: exact solutions of a collision for every combination of three switches (docs/ladder.md).
 
-Each switch is one difference between the model and the law that an engine was asked for:
+Each switch stands for one difference between the model and the law that an engine was asked for:
 
 * positions: if the switch is off, positions are frozen as in the model; if it is on, the balls move;
 * law: if the switch is off, energetic restitution as in the model; if it is on, the law of the engine;

@@ -374,7 +374,7 @@ def _describe_examination(examination: Examination, scene: str, version: str) ->
 
 
 def _count(number: int, thing: str) -> str:
-    """Return the text of a number of things, with an s unless it is 1."""
+    """Return a number of things as text, such as ``1 trap`` or ``3 traps``."""
     return f"{number} {thing}{'' if number == 1 else 's'}"
 
 
@@ -397,7 +397,7 @@ def _parameter_row(n: int, group: ExaminedGroup) -> tuple[str, ...]:
     )
 
 
-#: Words of a table for the rule by which MuJoCo finds the parameters of a contact.
+#: Words for a table that name the rule by which MuJoCo finds the parameters of a contact.
 _RULE_WORDS = {
     "pair": "<pair>",
     "override": "flag override",
@@ -655,7 +655,8 @@ def _describe_pairs(groups: list[ExaminedGroup]) -> str:
 def _describe_traps(examination: Examination, scene: str, everything: bool) -> list[str]:
     """Return lines about the traps (known problems) of a scene, and a last line with their number.
 
-    Without `everything` there is one line per kind of trap. It lists the groups of contacts with this trap.
+    If `everything` is false, there is one line for each kind of trap, which lists the groups of contacts with this
+    trap.
     """
     findings = examination.findings
     if everything:

@@ -52,7 +52,7 @@ D = "velocity_divergence"
 ROUNDING = 1e-12
 
 #: Largest asymmetry, per abs(v0), of a solver that counts as keeping the symmetry of a scene. Engines in single
-#: precision round by 1e-7, which adds up to about 1e-6. A solver that takes contacts one after the other breaks a
+#: precision round by 1e-7, which adds up to about 1e-6. A solver that handles contacts one after the other breaks a
 #: symmetry by about 0.1.
 SYMMETRIC = 1e-5
 
@@ -210,7 +210,8 @@ def cause_shares(
 ) -> dict[str, Value | str]:
     """Return the share of each cause in an engine's mean D over a region, by name of the cause, the largest first.
 
-    If two large causes cancel, each of these two has a text in place of its share, which says that it is cancelled.
+    If two large causes cancel, the result has a text in place of the share for each of these two causes. The text says
+    that the cause is cancelled.
     """
     region = ladder.region(solver, axis, at)
     key = "mean" if axis == "all" else f"mean {axis}={at}"

@@ -1,4 +1,4 @@
-"""Conversion of a document to one self-contained HTML page, which loads nothing else.
+"""Conversion of a document to one self-contained HTML page, which loads no other files.
 
 The module needs the templates of this package. `report` and other modules that write pages call this module.
 """

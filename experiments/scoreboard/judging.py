@@ -34,16 +34,16 @@ BOARD_COLUMNS = (
     "energy_lost",  # energy lost at e = 1, divided by the energy before
     "momentum_error",  # change of momentum, divided by the sum of absolute momenta before; only without a table
     "spread",  # largest D between the usual placement and another placement
-    "spread_of",  # the other placement with this D
+    "spread_of",  # the other placement, with which this D is reached
     "step_spread",  # largest D between the usual time step and half or twice this step
     "D_nearest",  # least D from an exact law
-    "nearest",  # the laws at that D, separated by commas
+    "nearest",  # the laws with this least D, separated by commas
 )
 
 #: Columns of the table of engines, in their order. A number without a comment is the largest value over all cases.
 ENGINE_COLUMNS = (
     "version",
-    "cases",  # number of cases that the engine answers
+    "cases",  # number of cases for which the engine has an answer
     "law",  # nearest law: the exact law for which the engine's largest D is smallest
     "farthest",  # largest D from the nearest law
     "next",  # second nearest law
@@ -61,7 +61,7 @@ ENGINE_COLUMNS = (
 #: Columns of the board for which the table of engines shows the largest value over all cases.
 _LARGEST_OF_CASES = ["spread", "step_spread", f"D_{MODEL}", "energy_gained", "energy_lost", "momentum_error"]
 
-#: Least share of the cases solved by an engine that a law must solve too. A law that solves fewer of them is not
+#: Least share of an engine's solved cases for which a law must have an answer too. A law with fewer answers is not
 #: compared with the engine.
 _LEAST_ANSWERED = 0.9
 
@@ -90,7 +90,7 @@ class AnsweredMotions(NamedTuple):
     def distance_from(self, solver: str | pd.Series) -> Floats:
         """Return D between each answer and the answer of a given solver to the same case, shape (n,).
 
-        The answer of the given solver is the one in the usual arrangement.
+        The answer of the given solver is its answer in the usual arrangement.
         """
         same_case = pd.MultiIndex.from_frame(self.keys.assign(solver=solver))
         return norms(self.masses, self.after - self.usual.reindex(same_case).to_numpy(), self.before)
@@ -141,7 +141,7 @@ def _add_energy_and_momentum(answers: Frame, motions: AnsweredMotions) -> Frame:
 
 
 def _distances_from_usual(answers: Frame, motions: AnsweredMotions) -> Frame:
-    """Return D between each answer in another arrangement and the answer in the usual one.
+    """Return D between each answer in another arrangement and the answer in the usual arrangement.
 
     The column `spread` is this D, and the column `spread_of` is the other arrangement.
     """

@@ -46,7 +46,7 @@ class Release:
 
     solver: str
     version: str
-    #: The last version before this one that has answers; None for the first version with answers.
+    #: The last earlier version with answers; None for the first version with answers.
     before: str | None = None
     #: Answers that changed, from `judging.list_moved_answers`, and the number of answers that were compared.
     moved: Frame | None = None

@@ -124,7 +124,9 @@ class SolversApart:
 
         If a solver crashes or takes too long, `fail` returns its outcome.
         """
-        with contextlib.suppress(FaultError):  # a fault is ignored here: it comes again below
+        with contextlib.suppress(
+            FaultError
+        ):  # ignored: the solver fails again below, and its outcome then says so
             if not self._begun.result():
                 say("")
         ended = f"has taken {{:.0f}} s; it is ended after {TO_PREPARE:g} s"

@@ -176,7 +176,7 @@ class SlotPool(Protocol[_Context]):
         ...
 
     def close(self, *, now: bool = False) -> None:
-        """End the threads and their worker processes, with `now` even during calls; else after the last call."""
+        """End the threads and their worker processes: with `now` at once, otherwise after their last calls."""
         ...
 
 
@@ -211,7 +211,7 @@ class Pool(Generic[_Context]):
         return self.submit(function, *arguments)
 
     def close(self, *, now: bool = False) -> None:
-        """End the threads and their worker processes, with `now` even during calls; else after the last call."""
+        """End the threads and their worker processes: with `now` at once, otherwise after their last calls."""
         self._threads.shutdown(wait=not now, cancel_futures=now)
         for slot in self._slots:
             slot.close()

@@ -271,7 +271,7 @@ def serve(handle: int, parent: int) -> None:
     """Call functions for the process at the other end of a socket until that process closes it or ends.
 
     The code of a worker process runs this function. `handle` is the number of the socket's file, `parent` the id of the
-    process that started this one.
+    process that started this process.
     """
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)

@@ -366,7 +366,7 @@ def _limit_distances(
 
 
 def _join_marks(first: NDArray[np.object_], second: NDArray[np.object_]) -> NDArray[np.object_]:
-    """Join two texts in every cell, with a semicolon between them if neither is empty."""
+    """Join two texts in every cell; a semicolon stands between two texts that are not empty."""
     between = np.where((first != "") & (second != ""), "; ", "").astype(object)
     return first + between + second
 
@@ -382,7 +382,7 @@ def _name_marks(name: str, marks: NDArray[np.object_]) -> NDArray[np.object_]:
 def shortest_periods(block: CellBlock) -> Floats:
     """Return the shorter of the two contact periods of each pair in s.
 
-    The result is 0 if a contact is rigid, and infinite if neither contact has any stiffness.
+    The result is 0 if a contact is rigid, and infinite if both contacts have stiffness 0.
     """
     pairs = Collisions.of(block.collisions)
     m, k = pairs.masses, pairs.stiffnesses

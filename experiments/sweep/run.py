@@ -172,8 +172,8 @@ def present_once(
     ----------
     result : SweepResult
     present : callable
-        Draws figures and writes pages. It is called with the folder and with a function of type `Apart`, by which it
-        can have other functions called in a worker process.
+        Draws figures and writes pages. It is called with the folder and with a function of type `Apart`. By this
+        function it can have other functions called in a worker process.
     isolate : bool
         If false, these functions are called in this process.
 

@@ -103,13 +103,13 @@ class Manifest(TypedDict):
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file in UTF-8 with line feeds; a reader sees either the old file or the complete new one."""
+    """Write a text file in UTF-8 with line feeds; a reader sees either the old or the complete new file."""
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
 
 
 def write_json(path: Path, value: object) -> None:
-    """Write a value as strict JSON; a reader sees either the old file or the complete new one."""
+    """Write a value as strict JSON; a reader sees either the old or the complete new file."""
     write_text(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
 
 
@@ -284,7 +284,7 @@ def statuses_of(outcomes: Tally) -> dict[str, dict[str, int]]:
 
 
 def _row_groups(parts: Iterable[Path], layout: Layout) -> Iterator[pa.Table]:
-    """Yield the rows of successive parts, joined until they are enough for a row group of the finished tables."""
+    """Yield the rows of successive parts, joined until there are enough rows for a row group of a finished table."""
     tables: list[pa.Table] = []
     for part in parts:
         tables.append(read_part(part, layout))

@@ -78,7 +78,10 @@ class Column:
     kinds: tuple[CellKind, ...] = _ALL
 
     def expand(self, counts: Counts) -> tuple[Column, ...]:
-        """Return the columns that this column stands for, numbered from 1; only itself if it is no template."""
+        """Return the columns for which this column stands, numbered from 1.
+
+        If the column is no template, it stands only for itself.
+        """
         match self.per:
             case "row":
                 return (self,)

@@ -157,7 +157,7 @@ def run_blocks(
 
 
 def _figure_blocks(captions: Captions, *names: str) -> list[Block]:
-    """Return the blocks of figures, without those figures that were not drawn."""
+    """Return the blocks of figures; figures that were not drawn are left out."""
     return [Figure(name, captions[name]) for name in names if name in captions]
 
 
@@ -329,7 +329,10 @@ def _describe_extremes(summary: Summary, name: str, axis: str) -> str:
 
 
 def _describe_state_order(summary: Summary, name: str) -> Markup:
-    """Say how often a solver's sequence of contact states equals that of the model, and that of its own contact law."""
+    """Say how often a solver has the same sequence of contact states as the model.
+
+    It also says how often the sequence equals that of the exact solver of the solver's own contact law.
+    """
     sentence = fill_sentence(
         "{solver} has the same sequence of contact states as the model in {equal} of the {n} {cells} that the model "
         "solves without the closed form of a limiting case (such as e = 0)",

@@ -217,7 +217,7 @@ def _draw_wave(curves: Frame, config: Config) -> Figure:
             for contact, forces in enumerate(row["forces"], start=1):
                 shade = colormaps["viridis"](0.92 * (contact - 1) / max(1, len(row["forces"]) - 1))
                 ax.plot(row["time"], forces, color=shade, label=f"contact {contact}", linewidth=1.2)
-            if place + across >= len(rows):  # no panel is below this one
+            if place + across >= len(rows):  # there is no panel below this panel
                 ax.set_xlabel("time / sqrt(m1/k1) (-)" if config.figure_chain.exponent == 1 else "time (-)")
                 ax.tick_params(labelbottom=True)
             ax.set_title(display_name(row["solver"]))

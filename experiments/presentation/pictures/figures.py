@@ -81,7 +81,7 @@ def write_figures(folder: RunFolder, summary: Summary) -> dict[str, str]:
 
 
 def _draw_figures(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
-    """Draw the figures of a run, without those that would be empty."""
+    """Draw the figures of a run; figures that would be empty are left out."""
     config, pair = summary.config, summary.config.kind == "pair"
     curves = folder.read_table(
         CURVES

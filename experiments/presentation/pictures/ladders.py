@@ -80,7 +80,7 @@ def draw_ladders(ladder: LadderSummary) -> Iterator[Drawn]:
 
 
 def _ladder_caption(over: str, ladder: LadderSummary) -> str:
-    """Return the caption of a figure of the shares of causes over one or two axes."""
+    """Return the caption of a figure that shows the shares of causes over one or two axes."""
     causes = "dissipation law and gravity" if ladder.orders == "six" else "and dissipation law"
     return (
         f"Causes of the mean velocity divergence D between each engine and the model, over {over}. Each cause is a "

@@ -182,8 +182,8 @@ class SlowMotion:
     def instants(self) -> Floats:
         """Instants of the frames.
 
-        The last instant is a little later than the one from which on, for each solver, only a fraction `TAIL` of the
-        impulses has still to pass.
+        For each solver there is an instant from which on only a fraction `TAIL` of the impulses has still to pass. The
+        last frame is a little later than the latest of these instants.
         """
         ends = (
             instant_of_tail(history.time, history.impulses.sum(axis=1)) for history in self.histories.values()

@@ -168,7 +168,7 @@ def _draw_curve(ax: Axes, panel: Panel, outcome: Outcome) -> None:
 
 
 def _write_numbers(ax: Axes, panel: Panel, outcome: Outcome) -> None:
-    """Write the exact numbers below the printed ones."""
+    """Write the exact numbers below the printed numbers."""
     rows = [
         ("", "v1/|v0|", "v2/|v0|", "states"),
         ("printed", *(panel.velocities or ("none", "none")), panel.states),
