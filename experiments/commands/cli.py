@@ -47,10 +47,8 @@ app = typer.Typer(
     add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
-    context_settings={
-        "help_option_names": ["-h", "--help"],
-        "max_content_width": 110,
-    },  # commands inherit these settings
+    # all commands inherit these settings
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
 )
 
 # Class of usage errors. It is not imported from click, because typer may have its own copy of click.

@@ -101,7 +101,8 @@ def run_command(
             to_be_presented=True,
         )
         summary = present_once(result, present)
-    if summary is not None:  # None if other shards are not done, or one wrote the page
+    # The summary is None if other shards still have parts to compute, or if another shard has written the page.
+    if summary is not None:
         from impact_xval.experiments.presentation.terminal import error_line
         from impact_xval.experiments.presentation.views import show_end
 

@@ -62,9 +62,8 @@ def scoreboard_command(
     except (OSError, ValueError) as error:
         raise UserError(f"--baseline = {baseline}: holds no {ANSWERS} of a scoreboard: {error}") from None
     if before is not None:
-        before = before.replace(
-            {"case": CASES, "status": STATUSES}
-        )  # files of version 0.4 have the old names of cases
+        # Files of version 0.4 have the old names of cases and statuses.
+        before = before.replace({"case": CASES, "status": STATUSES})
     elsewhere, missing = _make_environments(requirements or (), names)
     console, root = make_console(), out or Path("runs") / "scoreboard"
     with show_progress(console) as progress:

@@ -266,9 +266,8 @@ def _judge_law(
     form: tuple[float, ...],
 ) -> Verdict:
     """Return the verdict on a law's outcomes at rising contrasts, by the rule of a test of the hypothesis."""
-    margins = np.array(
-        [outcome.grazing_margin for outcome in outcomes], float
-    )  # NaN for an outcome without a margin
+    # An outcome without a grazing margin gets NaN.
+    margins = np.array([outcome.grazing_margin for outcome in outcomes], float)
     rows = pd.DataFrame({"contrast": contrasts, "distance": distances, "grazing_margin": margins})
     rows = mark_usable(rows, np.sqrt(rows.contrast))
     return judge_approach(

@@ -441,9 +441,8 @@ def describe_unsolved(summary: Summary) -> list[str]:
 def _describe_shorter_steps(summary: Summary) -> list[str]:
     """Say which settings shorten the time steps of engines; empty if shorter steps can help no unconverged result."""
     reasons = summary.reasons.reason[summary.reasons.status == "unconverged"]
-    if reasons.str.contains(
-        NO_HELP, regex=False
-    ).all():  # this is true also if there is no unconverged result
+    # The condition is true also if there is no unconverged result.
+    if reasons.str.contains(NO_HELP, regex=False).all():
         return []
     config = summary.config
     halvings = f", or more halvings under [convergence] (now {config.convergence.halvings}, at most 10)"

@@ -169,9 +169,8 @@ def _run(command: Sequence[str], requirement: Requirement) -> str:
 
 def find_reason(printed: str) -> str:
     """Return the line of an installer's output that says why it failed."""
-    first = re.search(
-        r"^ERROR: (.*)", printed, re.M
-    )  # take the first error of pip, because later errors say less
+    # The first error of pip is taken, because later errors say less.
+    first = re.search(r"^ERROR: (.*)", printed, re.M)
     text = first[1] if first else re.sub(r"[│╰─▶├×]", " ", printed)
     text = text.replace("(from versions: none)", "(no version at all: is there a network?)")
     text = re.sub(r" \((from versions|Ignored):? .*\)", "", text)

@@ -124,9 +124,8 @@ class SolversApart:
 
         If a solver crashes or takes too long, `fail` returns its outcome.
         """
-        with contextlib.suppress(
-            FaultError
-        ):  # ignored: the solver fails again below, and its outcome then says so
+        # A fault is ignored here. The solver fails again below, where its outcome records the failure.
+        with contextlib.suppress(FaultError):
             if not self._begun.result():
                 say("")
         ended = f"has taken {{:.0f}} s; it is ended after {TO_PREPARE:g} s"

@@ -290,7 +290,9 @@ class _Run:
         self._end_stage("solve")
 
     def finish(self, pool: SlotPool[Experiment], where: str, workers: int, state_with_tables: str) -> bool:
-        """Write the manifest, and if all parts are there the curves and tables; return whether the tables are complete.
+        """Write the manifest; return whether the tables are complete.
+
+        If all parts are there, the curves and the tables are written too.
 
         `where` is the machine on which this session has computed its parts. The manifest records this machine and the
         number of its workers. `state_with_tables` is the state of the run after its tables are written.
@@ -302,9 +304,8 @@ class _Run:
             write_curves(config, folder, pool)
             self._end_stage("curves")
         with tables_lock(folder):
-            state = folder.manifest()[
-                "state"
-            ]  # the state is a finished one if another shard has written the tables
+            # If another shard has written the tables, the state says that they are finished.
+            state = folder.manifest()["state"]
             if whole and state == RUNNING:
                 folder.remove_leftovers()
                 folder.assemble(parts, self._experiment.layout, len(self._cells) * len(config.solvers))

@@ -83,9 +83,8 @@ def write_figures(folder: RunFolder, summary: Summary) -> dict[str, str]:
 def _draw_figures(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
     """Draw the figures of a run; figures that would be empty are left out."""
     config, pair = summary.config, summary.config.kind == "pair"
-    curves = folder.read_table(
-        CURVES
-    ).to_pandas()  # raises an error if the folder is damaged, before anything is drawn
+    # If the folder is damaged, this raises an error before anything is drawn.
+    curves = folder.read_table(CURVES).to_pandas()
     if config.kind == "graph":
         yield from _draw_graphs(folder, summary)
         return

@@ -247,9 +247,8 @@ def _moving_artists(
     """
     radii, at_rest = _at_rest(motion.collision)
     middles, top = at_rest + scale * now.heights, at_rest[0] + radii[0] + _RISE
-    tops = np.append(middles + radii, 0.0)[
-        1:
-    ]  # heights of the tops of the bodies below the contacts, the table last
+    # Heights of the tops of the bodies below the contacts, the table last.
+    tops = np.append(middles + radii, 0.0)[1:]
     ends = list(zip(tops, np.minimum(middles - radii, tops + _SPRING), strict=True))
     contacts = list(
         zip(ends, motion.colors, now.acting, now.forces, strict=False)
