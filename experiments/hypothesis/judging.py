@@ -6,22 +6,22 @@ Velocities are written as vectors w whose length is the kinetic norm; for two ba
 distance of w from the closed form. The rule of the verdict finds out whether a series approaches the closed form, and
 at what rate. If the series does not, the rule finds out where it goes instead. These are the steps of the rule:
 
-1. The *window* is the last `decades` of contrast of the usable outcomes. It ends where D sinks for good below
-   `FLOOR_ERRORS` times the error of the solver.
-2. **Rate**: the slope of ln D over ln x, by the method of Theil and Sen. At single contrasts D drops almost to 0,
+1. The **window** consists of the usable outcomes in the last `decades` of contrast. It ends where D sinks for good
+   below `FLOOR_ERRORS` times the error of the solver.
+2. The **rate** is the slope of ln D over ln x, by the method of Theil and Sen. At single contrasts D drops almost to 0,
    because contacts ring. The method takes a median of slopes, which these drops do not influence.
-3. **Limit**: L in the fit w = L + A x^-s by least squares, with s from `EXPONENTS`. The error of the limit is the
-largest
-   of these numbers: the changes of L if the fit leaves out the last decade (or half of a short window), has a second
-   term in x^-2s, or takes any other s whose residual is at most twice the least; the least residual; and the error of
-   the solver.
+3. The **limit** is L in the fit w = L + A x^-s by least squares, with s from `EXPONENTS`. Several numbers are computed
+   for the error of the limit, and the largest of them is taken. Three of them are changes of L: if the fit leaves out
+   the last decade (or half of a short window), if it has a second term in x^-2s, or if it takes any other s whose
+   residual is at most twice the least residual. The other two are the least residual and the error of the solver.
+   If the best s is the first or the last of `EXPONENTS`, the largest distance of the last decade's outcomes from their
+   mean counts too.
 4. A series **settles** if the diameter of its last decade is smaller than the diameter of its first decade by at least
-   the factor 10^`LEAST_RATE` per decade, or is below what the solver resolves. It also settles if that diameter is
-   below a tenth of the distance from the closed form. Then the limit is the mean of the last decade, and the diameter
-   is its error.
-5. A series **jumps** where D in the later half of the window exceeds, `JUMP` times, both the fitted line of the rate
-and
-   the D at the contrast before.
+   the factor 10^`LEAST_RATE` per decade. It also settles if the diameter of its last decade is below what the solver
+   resolves, or below a tenth of the distance from the closed form. In the last case the limit is the mean of the last
+   decade, and the diameter is the error of the limit.
+5. A series **jumps** at a contrast in the later half of the window if D there exceeds two numbers by the factor `JUMP`:
+   the fitted line of the rate, and D at the contrast before.
 
 Points are grouped in classes by which of their contacts are elastic (`run.pair_class`). The verdict on a class is
 

@@ -120,9 +120,8 @@ def answer_case(_: object, name: str, case: str, e: float) -> list[tuple[str, st
         # An engine may have given up in a long flight. After this flight, balls that approach very slowly would meet.
         # In that case the velocities in the flight are the answer.
         v = run.reported if run.over or run.end == RunEnd.IN_FLIGHT else ()
-        v = (
-            tuple(-velocity for velocity in v[::-1]) if arrangement == MIRRORED else v
-        )  # number the balls as in the other arrangements, ball 1 first
+        # The balls are numbered as in the other arrangements, ball 1 first.
+        v = tuple(-velocity for velocity in v[::-1]) if arrangement == MIRRORED else v
         answers.append((arrangement, "unconverged" if run.over and reason else run.status, reason, v))
     return answers
 

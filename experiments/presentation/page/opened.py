@@ -173,9 +173,8 @@ def _commands_for_cell(root: Path, config: Config, row: Record) -> list[list[str
     given = {axis: row[axis] for axis in axes if row[axis] is not None}
     given |= {name: row[name] if name in row else getattr(config, name) for name in ours}
     for ratio, (quantity, _) in RATIO_OF.items():
-        if (
-            quantity in row and quantity in config.grid.in_si
-        ):  # the quantity gives the same bits again, but a rounded ratio may give other bits
+        # The quantity gives the same bits again, but a rounded ratio may give other bits.
+        if quantity in row and quantity in config.grid.in_si:
             given[quantity] = row[quantity]
             del given[ratio]
     again = " ".join(f"--{name.replace('_', '-')} {value}" for name, value in given.items())
