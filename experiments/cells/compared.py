@@ -1,7 +1,7 @@
 """Comparison of several solvers with the model on one collision or chain, as text, as HTML and as a picture.
 
 `compare` solves a collision and returns a `SolverComparison`. Notebooks call it as `impact_xval.compare`; the command
-``solve`` and the explorer make a `SolverComparison` of outcomes that they have.
+``solve`` and the explorer make a `SolverComparison` from outcomes that they have computed themselves.
 """
 
 from __future__ import annotations
@@ -68,7 +68,8 @@ class SolverComparison:
     ----------
     problem : Collision
     outcomes : mapping of str to Outcome
-        Outcomes by solver, among them that of the model (`REFERENCE`). Velocities are in m/s, impulses in N s.
+        Outcomes by solver. The outcome of the model (`REFERENCE`) is among them. Velocities are in m/s, impulses in N
+        s.
     chain : ChainSetup or None
         Setup of a chain, if it is known. It is described above the table.
     versions : mapping of str to str
@@ -82,12 +83,15 @@ class SolverComparison:
 
     @property
     def is_chain(self) -> bool:
-        """True unless the problem is that of the paper: two balls on a table that were not set up as a chain."""
+        """Whether the problem is a chain. It is false for two balls on a table that were not set up as a chain."""
         return self.chain is not None or not self.problem.falls_on_resting
 
     @property
     def divergences(self) -> dict[str, float]:
-        """Divergence D of the final velocities from the model's, by solver; NaN if either has no result."""
+        """Divergence D of each solver's final velocities from the model's, by solver.
+
+        It is NaN if the solver or the model has no result.
+        """
         return {name: measures["velocity_divergence"] for name, measures in self._measures.items()}
 
     @property
@@ -104,9 +108,10 @@ class SolverComparison:
 
     @property
     def _known_velocities(self) -> dict[str, list[float]]:
-        """Final velocities over the speed of impact by solver, also where the status says that there is no result.
+        """Final velocities over the speed of impact, by solver, also of solvers without a result.
 
-        Solvers with the same law follow each other; solvers without velocities are skipped.
+        A solver without a result may still return velocities, for example if it ran out of time. Solvers without
+        velocities are skipped. Solvers with the same law follow each other.
         """
         all_of = {name: self.outcomes[name].velocities for name in sort_by_law(self.outcomes)}
         return {
@@ -126,8 +131,8 @@ class SolverComparison:
     def between(self) -> dict[tuple[str, str], float]:
         """Divergence D between every two solvers that have a result; each pair of solvers is listed once.
 
-        D is the kinetic norm of the difference of their final velocities, over the kinetic norm of the velocities at
-        first touch. It is symmetric. Solvers with the same law follow each other.
+        D is the kinetic norm of the difference between the two solvers' final velocities, over the kinetic norm of the
+        velocities at first touch. D is the same in both directions. Solvers with the same law follow each other.
         """
         masses, length = self.problem.masses, kinetic_norm(self.problem.masses, self.problem.velocities)
         results = {name: np.array(self.outcomes[name].velocities) for name in self.scaled_velocities}
@@ -170,7 +175,8 @@ class SolverComparison:
     def plot(self) -> Figure:
         """Draw the impulse curves and velocities of two balls, or the final velocities of a chain.
 
-        A `ValueError` is raised if there is nothing to draw: no path of two balls, or no result of a chain.
+        A `ValueError` is raised if there is nothing to draw. For two balls that means that no outcome has a path, and
+        for a chain that no solver has a result.
         """
         from impact_xval.experiments.presentation.pictures.curves import (
             draw_collision,
@@ -261,7 +267,7 @@ class SolverComparison:
     def _pairwise_table(self) -> Table | None:
         """Return a table of D between every two solvers, or None if fewer than three solvers have a result.
 
-        Two solvers need no such table: the table of outcomes has their D.
+        With two solvers this table is not needed, because the table of outcomes already shows the D between them.
         """
         names, between = list(self.scaled_velocities), self.between
         if len(names) < 3:
@@ -276,7 +282,7 @@ class SolverComparison:
     def _describe_versions(self) -> str:
         """Return a sentence with the versions of the project and of the engines and plug-ins that solved the problem.
 
-        It is empty if no engine and no plug-in solved the problem.
+        The sentence is empty if no engine and no plug-in solved the problem.
         """
         foreign = [name for name in self.outcomes if is_engine(name) or not is_ours(name)]
         of_foreign = [f"{name} {self.versions[name]}" for name in foreign if self.versions.get(name)]
@@ -290,7 +296,7 @@ class SolverComparison:
     def _chain_table(self) -> Table:
         """Return the table of a chain, with a row for each quantity and a column for each solver.
 
-        A chain of many balls has more quantities than there are solvers.
+        Quantities are in rows, because a chain of many balls has more quantities than there are solvers.
         """
         measures = self._measures
         facts: dict[str, dict[str, str]] = {}

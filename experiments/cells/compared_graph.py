@@ -1,7 +1,7 @@
 """Comparison of solvers and rigid laws with the model on one contact graph, as text and as a picture.
 
 A contact graph is a set of bodies that meet at once in any number of contacts. The command ``solve --graph`` makes a
-`GraphComparison` of the outcomes.
+`GraphComparison` from the outcomes.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class GraphComparison:
     ----------
     problem : GraphCollision
     outcomes : mapping of str to GraphCollisionOutcome
-        Outcomes by solver or rigid law, among them that of the model (`REFERENCE`).
+        Outcomes by solver or rigid law. The outcome of the model (`REFERENCE`) is among them.
     setup : str
         Setup of the graph in words.
     versions : mapping of str to str
@@ -65,9 +65,12 @@ class GraphComparison:
 
     @property
     def divergences(self) -> dict[str, float]:
-        """Divergence D of the final velocities from the model's, by solver; NaN if either has no result.
+        """Divergence D of each solver's final velocities from the model's, by solver.
 
-        D is the kinetic norm of the difference of velocities, over the kinetic norm of the velocities at first touch.
+        It is NaN if the solver or the model has no result.
+
+        D is the kinetic norm of the difference between the two arrays of velocities, over the kinetic norm of the
+        velocities at first touch.
         """
         model = self.outcomes[REFERENCE]
         length = self._norm(self._motion(self.problem.velocities, self.problem.angular_velocities))
@@ -79,14 +82,14 @@ class GraphComparison:
         }
 
     def retained_energy(self, outcome: GraphCollisionOutcome) -> float:
-        """Return the kinetic energy after the impact over the kinetic energy before, for one outcome."""
+        """Return the kinetic energy after the impact divided by the kinetic energy before it, for one outcome."""
         length = self._norm(self._motion(self.problem.velocities, self.problem.angular_velocities))
         return (self._norm(self._motion_of(outcome)) / length) ** 2
 
     def _motion(self, velocities: ArrayLike, turning: ArrayLike) -> Floats:
         """Return one array of all velocities: the components of each body, and then the angular velocities.
 
-        Without angular velocities these are zero.
+        If there are no angular velocities, zeros stand in their place.
         """
         moments = np.ravel(self.problem.inertias)
         turns = np.ravel(np.asarray(turning, float)) if np.size(turning) else np.zeros(len(moments))
@@ -107,12 +110,15 @@ class GraphComparison:
 
     @property
     def _order(self) -> list[str]:
-        """Names of the solvers in the order of tables: the model, references and engines, then the rigid laws."""
+        """Names of the solvers in the order of tables: the model, the references, the engines, the rigid laws."""
         known = sort_by_law([name for name in self.outcomes if name not in RIGID_LAWS])
         return [*known, *(name for name in RIGID_LAWS if name in self.outcomes)]
 
     def label(self, name: str) -> str:
-        """Return the name of a solver in tables and pictures; for a sequential law it tells the order of contacts."""
+        """Return the name of a solver for tables and pictures.
+
+        The name of a rigid law that takes contacts one after the other also tells the order of the contacts.
+        """
         contacts = len(self.problem.contacts)
         if name == "sequential-top":
             return "sequential (1)" if contacts == 1 else f"sequential (1 to {contacts})"
@@ -193,7 +199,7 @@ class GraphComparison:
     def _versions(self) -> list[str]:
         """Return a sentence with the versions of the project and of the engines and plug-ins that solved the graph.
 
-        The list is empty if no engine and no plug-in solved the graph.
+        The sentence is empty if no engine and no plug-in solved the graph.
         """
         foreign = [
             name

@@ -44,9 +44,9 @@ EXACT = tuple(name for name in solver_names() if name not in ENGINES)
 
 
 class ExplorerCells:
-    """Solutions of the collisions that open pages request.
+    """Solutions of the collisions that pages in a browser request from the explorer.
 
-    Worker processes are started when they are first needed. They are ended with the stack `ending`.
+    Worker processes are started when they are first needed. They are ended when the stack `ending` is closed.
     """
 
     def __init__(self, ending: contextlib.ExitStack) -> None:
@@ -54,7 +54,7 @@ class ExplorerCells:
         self._processes: dict[bool, SolversApart] = {}
         self._locks = {engines: threading.Lock() for engines in (False, True)}
         self._starting, self.closed = threading.Lock(), False
-        # The page requests the whole table again whenever an engine has finished, so outcomes of engines are kept.
+        # Outcomes of engines are kept, because the page requests the whole table again whenever an engine has finished.
         self._solve_cached = lru_cache(64)(self._solve)
 
     def answer(self, query: str) -> dict[str, object]:
@@ -87,7 +87,8 @@ class ExplorerCells:
     def _solve(self, typed: tuple[tuple[str, str], ...], names: tuple[str, ...]) -> dict[str, Outcome]:
         """Solve a collision by engines or by exact solvers, and return the outcomes by name.
 
-        Each of the two kinds solves one collision at a time; a later request waits for the earlier one.
+        At any time at most one collision is solved by engines, and at most one by exact solvers. A later request waits
+        until the earlier request is answered.
         """
         collision, chain, config = parse_collision(dict(typed))
         engines, points = names != EXACT, None if chain is None else 0
@@ -103,7 +104,7 @@ class ExplorerCells:
             )
 
     def close(self) -> None:
-        """Start no worker processes from now on; running ones are ended by the stack `ending`."""
+        """Start no worker processes from now on. The stack `ending` ends the processes that are running."""
         with self._starting:
             self.closed = True
 
@@ -142,8 +143,8 @@ def explorer_page() -> str:
 class _Server(ThreadingHTTPServer):
     """The server of the page, one thread per request."""
 
-    #: False: the server waits for the threads of its requests. A thread that was importing a module while the
-    #: interpreter ended made the process abort ("exception not rethrown").
+    #: With False the server waits for the threads of its requests before it ends. Otherwise a thread may still be
+    #: importing a module when the interpreter ends. Then the process aborts ("exception not rethrown").
     daemon_threads = False
     cells: ExplorerCells
 
@@ -164,7 +165,7 @@ class _Request(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         """Answer with the page, or with the results of a collision."""
         path, _, query = self.path.partition("?")
-        kind, text = "text/plain", ""  # the answer to anything else, such as the icon of the page
+        kind, text = "text/plain", ""  # answer to a request for anything else, such as the icon of the page
         if path == "/":
             kind, text = "text/html", explorer_page()
         elif path == "/solved":
@@ -198,13 +199,14 @@ def explore(port: int, announce: Callable[[str], object]) -> None:
                 f"--port = {port}: {error.strerror}; legal: a free port, or 0 for any free port"
             ) from None
         server.cells = cells
-        # The server runs in a second thread. Ctrl-C interrupts the main thread, and must not do so while it starts the
-        # thread of a request.
+        # The server runs in a second thread. Ctrl-C interrupts the main thread. It must not interrupt a thread that is
+        # just starting the thread of a request.
         threading.Thread(target=server.serve_forever, daemon=True).start()
         try:
             announce(f"http://127.0.0.1:{server.server_port}/")
             with contextlib.suppress(KeyboardInterrupt):
-                # Short sleeps: a signal that came while the thread of a request was started did not end a long sleep.
+                # The sleeps are short. A long sleep was not ended by a signal that came while the thread of a request
+                # was started.
                 while True:
                     time.sleep(0.2)
         finally:

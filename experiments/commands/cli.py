@@ -1,7 +1,7 @@
 """The command ``impact-xval``: its subcommands, the printing of errors, and exit codes.
 
-Exit code 0 means success. 2: the request is wrong, and one line on standard error says why. 3: a threshold was
-exceeded. 1: any other failure.
+Exit code 0 means success. Exit code 2 means that the request is wrong; one line on standard error says why. Exit code 3
+means that a threshold was exceeded. Exit code 1 means any other failure.
 
 Modules that are slow to import are imported inside the commands, so that help and usage errors appear at once.
 """
@@ -33,8 +33,8 @@ from impact_xval.experiments.commands import (
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 
 PROGRAM = "impact-xval"
-#: Numbers of the operating system's errors for files that the user has no permission to use. They count as wrong input,
-#: with exit code 2.
+#: Error numbers of the operating system for files that the user has no permission to use. These errors count as wrong
+#: input, with exit code 2.
 _NOT_THEIRS = (errno.EACCES, errno.EPERM, errno.EROFS)
 
 #: Names of the Python packages of the engines. They are listed here, so that --version need not import the adapters.
@@ -47,7 +47,8 @@ app = typer.Typer(
     add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},  # commands inherit it
+    # all commands inherit these settings
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
 )
 
 # Class of usage errors. It is not imported from click, because typer may have its own copy of click.
@@ -104,7 +105,7 @@ for name, command in {
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code.
 
-    `arguments` are the words after ``impact-xval``; by default those with which the process was started.
+    `arguments` are the words after ``impact-xval``. By default they are the words with which the process was started.
     """
     if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
         sys.stdout.reconfigure(

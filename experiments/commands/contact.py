@@ -1,8 +1,8 @@
 """Command ``impact-xval contact``: prints the parameters of a contact for a scene of an engine, and tests them.
 
 The options describe contacts of two or three bodies. The command turns them into pairs of bodies (`SingleImpact`). Then
-bodies are dropped in the engine with the printed parameters. The drops find the largest time step, or for a given step
-the stiffest contacts.
+it drops bodies in the engine with the printed parameters. From these drops it finds the largest time step, or, if the
+user gives a step, the stiffest contacts.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from impact_xval.experiments.presentation.document import Block
     from impact_xval.model.materials import MaterialContact
 
-#: Options that take one number for each contact, or a single number for both contacts.
+#: Options that take one number for each contact, or a single number for all contacts.
 _QUANTITIES = ("restitution", "damping", "damping_ratio", "stiffness", "duration", "sink")
 
 #: Engines whose largest time step is found by dropping bodies in them.
@@ -45,13 +45,13 @@ ENGINES = (
 #: Default time step in s of drops in engines whose contacts have a restitution and no spring.
 _RIGID_STEP = 1e-3
 
-#: Class of this command, in which these options take all numbers that are typed after them.
+#: Class of the command ``contact``. In it the options for a contact take all numbers that are typed after them.
 ContactCommand = command_with_numbers(
     "--masses", "--solref", "--solimp", *(f"--{name.replace('_', '-')}" for name in _QUANTITIES)
 )
 
 
-#: Parsers for the values of these options.
+#: Parsers for the values of the options that take several numbers.
 _ONE_OR_TWO, _MASSES = numbers_parser(1, 2), numbers_parser(2, 3)
 _SOLREF, _SOLIMP = numbers_parser(2, 2), numbers_parser(1, 5)
 
@@ -161,7 +161,10 @@ def contact_command(
 
 
 def _needs_no_spring(engine: str, asked: Mapping[str, Numbers]) -> bool:
-    """Return whether no spring is given, and the engine needs none because its contacts have a restitution."""
+    """Return whether the user gives no spring and the engine needs no spring.
+
+    An engine needs no spring if its contacts have a restitution instead.
+    """
     from impact_xval.compliant_baselines.targets import targets_for
 
     has_spring = any(name in asked for name in ("stiffness", "duration", "sink"))
@@ -169,9 +172,10 @@ def _needs_no_spring(engine: str, asked: Mapping[str, Numbers]) -> bool:
 
 
 def _target_blocks(engine: str, pairs: Sequence[SingleImpact], step: float | None) -> list[Block]:
-    """Return the text to paste for all targets of an engine: the ways to write a contact there.
+    """Return the text to paste for all targets of an engine.
 
-    There is one pair for two bodies, and two pairs for three bodies.
+    A target is one way to write a contact for the engine. `pairs` holds one pair of bodies, or two pairs for three
+    bodies.
     """
     from impact_xval.compliant_baselines.targets import targets_for
     from impact_xval.experiments.presentation.targets import describe_targets
@@ -198,7 +202,7 @@ def _require_legal(
 
 
 def _refuse_numbers_beside(given: Mapping[str, object], decisive: str) -> None:
-    """Raise a ValueError if a number is given beside an option that already decides it.
+    """Raise a ValueError if an option gives a number that another given option already decides.
 
     `given` has the values of options by name, None for options that were not given.
     """
@@ -217,7 +221,10 @@ def _body_pair_of_materials(
     beside: Mapping[str, object],
     speed: float,
 ) -> tuple[SingleImpact, MaterialContact]:
-    """Return two bodies of given materials as a pair with a linear contact, and their contact before linearisation."""
+    """Return two bodies of given materials as a pair with a linear contact, and their material contact.
+
+    The linear contact stands for the material contact, whose force may not be linear.
+    """
     from impact_xval.compliant_baselines.single_contact import make_pair
 
     others = {name: values for name, values in asked.items() if name != "restitution"}
@@ -260,7 +267,8 @@ def _body_pairs_of_numbers(
 ) -> list[SingleImpact]:
     """Return the pairs of bodies whose contacts have the given quantities: one pair, or two pairs for three bodies.
 
-    If a time step is given, a contact lasts step / tolerance: the shortest duration that the step could resolve.
+    If a time step is given, the duration of a contact is step / tolerance. This is the shortest duration that the step
+    could resolve.
     """
     from impact_xval.compliant_baselines.asked_contact import SPRING_NAMES, AskedContact
     from impact_xval.compliant_baselines.single_contact import SingleImpact, bodies_of_contacts
@@ -286,7 +294,7 @@ def _body_pairs_of_numbers(
 def _impact_of_three(
     engine: str, masses: Sequence[float], verified: Sequence[VerifiedContact]
 ) -> list[Block]:
-    """Return blocks with the impact of three bodies at once: by the model, by the engine's law and by the engine."""
+    """Return blocks about the impact of three bodies at once, by the model, the engine's law and the engine."""
     from impact_xval.compliant_baselines import SolverError
     from impact_xval.compliant_baselines.three_bodies import solve_exactly, strike
     from impact_xval.experiments.presentation.contacts import impact_blocks

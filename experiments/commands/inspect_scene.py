@@ -108,7 +108,7 @@ def inspect_command(
 
 
 def _check_fix(scene: Path, fix: Path | None, keep: bool, newton_metre: bool, json: bool) -> None:
-    """Raise a UserError unless the options of --fix are complete and do not contradict each other."""
+    """Raise a UserError if the options that belong to --fix are incomplete or contradict each other."""
     if fix is None:
         if keep or newton_metre:
             raise UserError("--keep and --newton-metre: without --fix; legal: beside --fix FILE")
@@ -125,7 +125,7 @@ def _check_fix(scene: Path, fix: Path | None, keep: bool, newton_metre: bool, js
 
 
 def _describe_in_json(examination: Examination) -> dict[str, Any]:
-    """Return an examination as values for JSON; an infinite mass is the text "inf"."""
+    """Return an examination of a scene as values for JSON, in which an infinite mass is the text "inf"."""
     rows: list[dict[str, Any]] = []
     groups: list[dict[str, Any]] = []
     for number, group in enumerate(examination.groups, 1):

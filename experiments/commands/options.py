@@ -1,8 +1,8 @@
 """Options that several commands share, and parsers of option values.
 
-An illegal value is reported in one line that names the option, the value and the legal values. Options of a collision
-are judged by the validation of a configuration, all other options by the parsers here. Slow modules are not imported,
-so that help texts appear at once. The modules with the commands use this module.
+An illegal value is reported in one line that names the option, the value and the legal values. The validation of a
+configuration checks the options of a collision. The parsers of this module check all other options. Slow modules are
+not imported, so that help texts appear at once. The modules with the commands use this module.
 """
 
 from __future__ import annotations
@@ -23,7 +23,10 @@ from impact_xval.experiments.config.graph_options import GRAPH_PARAMETERS
 
 
 def parse_number(text: str) -> float:
-    """Return a text as a number; the command that uses the number checks for infinity and NaN."""
+    """Return a text as a number.
+
+    Infinity and NaN are accepted here. The command that uses the number checks for them.
+    """
     try:
         return float(text)
     except ValueError:
@@ -35,9 +38,9 @@ class Numbers(tuple[float, ...]):
 
 
 def numbers_parser(fewest: int, most: int) -> Callable[[str], Numbers]:
-    """Return a parser of texts with `fewest` to `most` numbers that are separated by spaces.
+    """Return a parser of texts that hold `fewest` to `most` numbers, separated by spaces.
 
-    `command_with_numbers` makes one such text of all words after an option.
+    `command_with_numbers` joins all words after an option to such a text.
     """
     count = {(1, 2): "one or two numbers", (2, 2): "two numbers", (2, 3): "two or three numbers"}.get(
         (fewest, most), f"{fewest} to {most} numbers"
@@ -56,10 +59,10 @@ def numbers_parser(fewest: int, most: int) -> Callable[[str], Numbers]:
 
 
 def command_with_numbers(*names: str) -> type[TyperCommand]:
-    """Return a class of commands in which these options take all words that follow, up to the next option.
+    """Return a class of commands in which the given options take all words that follow, up to the next option.
 
-    The words become one text, the value of the option, which `numbers_parser` reads. A negative number counts as a word
-    and not as an option.
+    These words are joined to one text, which is the value of the option and is read by `numbers_parser`. A negative
+    number counts as a word and not as an option.
     """
 
     class CommandWithNumbers(TyperCommand):
@@ -70,12 +73,12 @@ def command_with_numbers(*names: str) -> type[TyperCommand]:
 
 
 def join_numbers(words: Sequence[str], names: Sequence[str]) -> list[str]:
-    """Return the words of a command line in which the words after each of these options are joined to one word.
+    """Return the words of a command line, with the words after each of the given options joined to one word.
 
-    An option's words end at the next option.
+    Only the words up to the next option are joined.
     """
     joined: list[str] = []
-    is_gathering = False  # True if the last word of `joined` is the value of one of these options
+    is_gathering = False  # True if the last word of `joined` is the value of one of the given options
     for i, word in enumerate(words):
         if is_gathering and not _is_option(word):
             joined[-1] = f"{joined[-1]} {word}"
@@ -106,15 +109,15 @@ def whole_number_parser(low: int, high: int) -> Callable[[str], int]:
 
 
 def parse_path(text: str) -> Path:
-    """Return a text as a path; the command that uses the path checks whether it exists."""
-    # pathlib would take an empty text for ".". It comes, for example, from a shell variable that is not set.
+    """Return a text as a path. The command that uses the path checks whether the path exists."""
+    # pathlib would read an empty text as ".". An empty text comes, for example, from a shell variable that is not set.
     if not text or not text.isprintable():
         raise typer.BadParameter(f"{text!r:.60}; legal: a path")
     return Path(text)
 
 
 def word_parser(*words: str) -> Callable[[str], str]:
-    """Return a parser that accepts these words only."""
+    """Return a parser that accepts only the given words."""
 
     def read(text: str) -> str:
         if text not in words:
@@ -125,9 +128,9 @@ def word_parser(*words: str) -> Callable[[str], str]:
 
 
 def parse_shard(text: str) -> tuple[int, int]:
-    """Return the two numbers in ``I/N``, the value of --shard.
+    """Return the two numbers I and N of a text ``I/N``, the value of the option --shard.
 
-    They are the number of a shard, from 1, and the number of shards.
+    I is the number of a shard, counted from 1, and N is the number of shards.
     """
     parts = re.fullmatch(r"(\d{1,5})/(\d{1,5})", text)
     if parts is None or not 1 <= int(parts[1]) <= int(parts[2]):
@@ -142,9 +145,11 @@ def print_json(value: object) -> None:
 
 
 def known_solvers(solvers: list[str] | None) -> list[str]:
-    """Return the names of solvers, with the model appended if it is missing; without names, the default solvers.
+    """Return the names of solvers, with the model appended if it is missing.
 
-    A UserError is raised if a name is not a solver's.
+    If no names are given, the default solvers are returned.
+
+    A UserError is raised if there is no solver with one of the names.
     """
     from impact_xval.compliant_baselines.registry import solver_names
     from impact_xval.experiments.config.experiment import REFERENCE, solvers_problem
@@ -194,8 +199,8 @@ def with_collision_options(
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Return a decorator that gives a command the options of one collision, in place of its ``**`` parameter.
 
-    Options in `without` are skipped. With `graphs` the command also gets the options of contact graphs. The help shows
-    only --graph of these, because the other options depend on the graph (docs/graphs.md).
+    Options in `without` are skipped. With `graphs` the command also gets the options of contact graphs. Of these
+    options the help shows only --graph, because the other ones depend on the graph (docs/graphs.md).
     """
 
     def add(command: Callable[..., None]) -> Callable[..., None]:

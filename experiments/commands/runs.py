@@ -61,11 +61,11 @@ def run_command(
     start = time.perf_counter()
     part = parse_shard(shard)
     experiment = _experiment(config, out, quick)
-    # Imported only when the configuration is known to be legal, because these imports take a second.
+    # These modules are imported only when the configuration is known to be legal, because the imports take a second.
     from impact_xval.experiments.presentation.terminal import make_console
     from impact_xval.experiments.sweep.run import present_once, run_sweep
 
-    # Characters are replaced with which the name could lead out of the folder "runs" or be a hidden file.
+    # Some characters could make the name lead out of the folder "runs", or make it a hidden file. They are replaced.
     root = out or Path("runs") / (re.sub(r"[^A-Za-z0-9._-]+", "-", experiment.name).strip("-.") or "run")
     words: list[str | Path] = [
         "run",
@@ -101,7 +101,8 @@ def run_command(
             to_be_presented=True,
         )
         summary = present_once(result, present)
-    if summary is not None:  # None: other shards have parts to compute, or another shard has written the page
+    # The summary is None if other shards still have parts to compute, or if another shard has written the page.
+    if summary is not None:
         from impact_xval.experiments.presentation.terminal import error_line
         from impact_xval.experiments.presentation.views import show_end
 
@@ -239,9 +240,12 @@ def compare_command(
 
 
 def _experiment(file: Path | None, root: Path | None, quick: bool) -> Config:
-    """Return the experiment in a file; without a file, that of the run in the folder `root`, or the built-in one.
+    """Return the experiment of a command.
 
-    With `quick`, 40 cells of the built-in grid are the experiment.
+    It is the experiment in the given file. Without a file it is the experiment of the run in the folder `root`, or the
+    built-in experiment if there is no run.
+
+    With `quick`, the built-in experiment is replaced by 40 cells of its grid.
     """
     from impact_xval.experiments.config.experiment import load_config, parse_config
     from impact_xval.experiments.tables.folder import CONFIGURATION, check_continues
@@ -266,7 +270,10 @@ def _experiment(file: Path | None, root: Path | None, quick: bool) -> Config:
 
 
 def check_holds_something(file: Path, command: str) -> None:
-    """Raise a UserError if a TOML file has no keys: with it the built-in design would run by mistake."""
+    """Raise a UserError if a TOML file has no keys.
+
+    With such a file the built-in experiment or test would run by mistake.
+    """
     from impact_xval.experiments.config.errors import read_toml
 
     if not read_toml(file):
@@ -276,17 +283,17 @@ def check_holds_something(file: Path, command: str) -> None:
 
 @contextlib.contextmanager
 def writing_folder(words: Sequence[str | Path], console: Console, before: str) -> Generator[Progress]:
-    """Show the progress of the block, which writes into a folder; yield the function that reports progress.
+    """Show the progress of the `with` block, which writes into a folder; yield the function that reports progress.
 
-    If the block is interrupted, the error says by which command it is continued.
+    If the block is interrupted, the message of the error names the command that continues the work.
 
     Parameters
     ----------
     words : sequence of str or Path
-        Words of that command, without ``impact-xval``.
+        Words of the command that continues the work, without ``impact-xval``.
     console : Console
     before : str
-        Line that is printed with the first report, when the input is known to be legal.
+        Line that is printed with the first report of progress. By then the input is known to be legal.
     """
     from impact_xval.experiments.presentation.terminal import COMPILING, show_progress
     from impact_xval.model.compiled import is_compiled

@@ -62,7 +62,8 @@ def scoreboard_command(
     except (OSError, ValueError) as error:
         raise UserError(f"--baseline = {baseline}: holds no {ANSWERS} of a scoreboard: {error}") from None
     if before is not None:
-        before = before.replace({"case": CASES, "status": STATUSES})  # version 0.4 wrote the old names
+        # Files of version 0.4 have the old names of cases and statuses.
+        before = before.replace({"case": CASES, "status": STATUSES})
     elsewhere, missing = _make_environments(requirements or (), names)
     console, root = make_console(), out or Path("runs") / "scoreboard"
     with show_progress(console) as progress:
@@ -99,9 +100,9 @@ def _make_environments(
 ) -> tuple[list[tuple[str, Environment]], list[NotInstalledError]]:
     """Install the versions of engines after --with, each in its own environment.
 
-    Return each solver of these engines with its environment, and the errors of versions that could not be installed. If
-    there are `names`, only solvers with these names are returned. If no version can be installed, a `UserError` gives
-    the first reason.
+    Return two things: the environment of each solver of these engines, by solver, and the errors of versions that could
+    not be installed. If `names` is not empty, only solvers with these names are returned. If no version can be
+    installed, a `UserError` with the first reason is raised.
     """
     if not texts:
         return [], []
@@ -140,7 +141,7 @@ def _make_environments(
 def _all_in_one(missing: Sequence[NotInstalledError]) -> UserError:
     """Return one error for several versions that could not be installed.
 
-    Its message has the reason for the first version, and the names of the others.
+    The message has the reason why the first version could not be installed, and the names of the other versions.
     """
     first, *others = missing
     more = "".join(f", {other.requirement}" for other in others)

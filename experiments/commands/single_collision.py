@@ -41,8 +41,8 @@ if TYPE_CHECKING:
 
 #: Suffixes of files with a picture, and of files with slow motion.
 _PICTURES, _FILMS = (".png", ".svg", ".pdf"), (".gif", ".html")
-#: Largest number of points of the path of a chain that is shown in motion. The full path of many balls takes long to
-#: send between processes.
+#: Largest number of points of a chain's path if the chain is shown in motion. It takes long to send the full path of
+#: many balls between processes.
 _POINTS = 4000
 #: Engines whose scenes can be written.
 _EXPORTED = ("mujoco", "pybullet")
@@ -51,7 +51,7 @@ _EXPORTED = ("mujoco", "pybullet")
 def _drawable_path(text: str) -> Path:
     """Return a text as the path of a picture or film; an error says if the file cannot be written.
 
-    Thus a mistake is found before anything is computed.
+    This check finds a wrong path before anything is computed.
     """
     file = parse_path(text)
     if file.suffix not in (*_PICTURES, *_FILMS) or file.is_dir():
@@ -128,7 +128,8 @@ def _solve_graph(
 ) -> None:
     """Solve one contact graph by the solvers that are named, and print and draw their outcomes.
 
-    Without names these are the model, the references and the rigid laws. `typed` has the texts of options by name.
+    If no solvers are named, the model, the references and the rigid laws solve the graph. `typed` has the texts of
+    options by name.
     """
     from impact_xval.experiments.presentation.terminal import (
         error_line,
@@ -172,8 +173,8 @@ def _solve_graph(
 def _count_path_points(chain: ChainSetup | None, *, film: bool) -> int | None:
     """Return the largest number of points that the path of a collision may have.
 
-    It is None, for all points, with two balls. It is 0 with a chain, because pictures of chains need no path, and
-    `_POINTS` with a chain in slow motion.
+    For two balls the result is None, which means all points. For a chain in slow motion it is `_POINTS`. For any other
+    picture of a chain it is 0, because such pictures need no path.
     """
     if chain is None:
         return None
@@ -276,8 +277,8 @@ def _write_scenes(
 ) -> None:
     """Write the files of a collision into one folder for each named engine, and print the engines' velocities.
 
-    No file is written before all engines have run. `table` has the rows of a run for this collision, by solver; their
-    velocities are printed for comparison.
+    All engines run before the first file is written. `table` has the rows of a run for this collision, by solver. The
+    velocities in these rows are printed for comparison.
     """
     from impact_xval.compliant_baselines import SolverError
     from impact_xval.compliant_baselines.paste import export_scene

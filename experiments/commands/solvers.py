@@ -1,6 +1,6 @@
-"""Command ``impact-xval solvers``: lists the solvers, or checks whether a solver keeps the contract.
+"""Command ``impact-xval solvers``: lists the solvers, or checks whether a solver fulfils the contract of solvers.
 
-The contract is what every solver has to fulfil (docs/adding-a-solver.md).
+The contract is the set of conditions that every solver has to fulfil (docs/adding-a-solver.md).
 """
 
 from __future__ import annotations
@@ -100,9 +100,10 @@ def _check_solver(name: str, law: str) -> None:
 
 
 def _run_check(context: tuple[str, str], number: int) -> str:
-    """Run one check on a solver, and return a description of the problem that it finds, or an empty text.
+    """Run one check on a solver, and return a description of the problem; return an empty text if there is none.
 
-    The worker process calls this function. `context` is the name of the solver and of its law, `number` the check.
+    The worker process calls this function. `context` holds the name of the solver and the name of its law. `number` is
+    the number of the check.
     """
     from impact_xval.compliant_baselines.conformance import checks, problem_of
     from impact_xval.compliant_baselines.registry import get_solver

@@ -4,7 +4,7 @@
 TOML file of an experiment use them.
 
 The mass taper is the mass of each ball over the mass of the ball above it. The stiffness taper is the stiffness of each
-contact over that of the contact above it. A pile of two balls is therefore the problem of two balls on a table: its
+contact over the stiffness of the contact above it. A pile of two balls is the problem of two balls on a table. Its
 tapers are m2/m1 and k2/k1.
 """
 
@@ -103,7 +103,10 @@ class ChainSetup(Strict):
 
     @property
     def striking(self) -> int:
-        """Number of balls that move at first. The contact with this number, below these balls, is struck."""
+        """Number of balls that move at first.
+
+        The contact that is struck lies below these balls, and has the same number.
+        """
         return self.balls if self.arrangement == "stack" else self.strike or 1
 
     def collision(self) -> Collision:
@@ -170,9 +173,9 @@ class ChainGrid(Axes):
         return axes if arrangement == "cradle" else axes | {"strike": [math.nan]}
 
     def corners(self) -> Iterator[dict[str, object]]:
-        """Yield the fields of `ChainSetup` for the chains at the ends of all axes.
+        """Yield the fields of `ChainSetup` for the chains that lie at the ends of all axes.
 
-        If any chain of the axes is illegal, one of these chains is.
+        If any chain on the axes is illegal, at least one of these chains is illegal too.
         """
         for name in self.arrangement:
             for fewest_or_most, end in itertools.product((min, max), (min, max)):
@@ -182,6 +185,6 @@ class ChainGrid(Axes):
 
 
 def chain_setup_values(arrangement: str, numbers: Mapping[str, float]) -> dict[str, object]:
-    """Return the fields of `ChainSetup` for an arrangement and its values on all other axes of chains."""
+    """Return the fields of `ChainSetup` for an arrangement and for its values on all other axes of chains."""
     strike = None if math.isnan(numbers["strike"]) else int(numbers["strike"])
     return {**numbers, "arrangement": arrangement, "balls": int(numbers["balls"]), "strike": strike}

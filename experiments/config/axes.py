@@ -21,8 +21,8 @@ from impact_xval.model.inputs import E1, E2, EXPONENT, MASS_RATIO, STIFFNESS_RAT
 #: Parameters that decide the outcome of an impact of two balls, each with its name in tables and figures.
 AXES = {"stiffness_ratio": "k2/k1", "mass_ratio": "m2/m1", "e1": "e1", "e2": "e2"}
 
-#: Validation context of an experiment that is read from the folder of its run. In this context solvers need not be
-#: installed any more, and names of version 0.4 cause no warning.
+#: Validation context of an experiment that is read from the folder of its run. In this context a solver may be missing
+#: in the installation, and a name of version 0.4 causes no warning.
 KEPT = "kept"
 
 #: Quantities in SI units that a grid may have as axes, with their units.
@@ -57,13 +57,15 @@ LEGAL = {
 #: Axes whose values are whole numbers.
 _WHOLE = ("balls", "strike")
 
-#: Largest number of cells of an experiment. The tables of a larger one would not fit on an ordinary disk.
+#: Largest number of cells of an experiment. The tables of a larger experiment would not fit on an ordinary disk.
 MAX_CELLS = 10_000_000
 
-#: Largest number of values on an axis that is given by its ends. The values are kept in memory and hashed.
+#: Largest number of values on an axis that is given by its two ends and a number of values. The limit is needed because
+#: all values are kept in memory and hashed.
 _MAX_VALUES = 100_000
 
-# Functions that return a field are annotated with the type of the field's value, as `Field` of pydantic is.
+# A function that returns a field is annotated with the type of the field's value. `Field` of pydantic is annotated in
+# the same way.
 _Whole = TypeVar("_Whole", bound=int | None)
 _Model = TypeVar("_Model", bound=BaseModel)
 
@@ -93,9 +95,9 @@ def _check_ends(legal: Legal, spacing: object, lo: object, hi: object, *, is_log
 
 
 def _spacing_entries(value: object, count: int) -> list[object] | None:
-    """Return the entries in the list of ``{log = [...]}`` or ``{linear = [...]}``.
+    """Return the entries of the list in a table ``{log = [...]}`` or ``{linear = [...]}``.
 
-    Return None if the value has another form or its list does not have `count` entries.
+    Return None if the value is no such table, or if the number of entries is not `count`.
     """
     if not is_table(value) or [*value] not in (["log"], ["linear"]):
         return None
@@ -104,12 +106,12 @@ def _spacing_entries(value: object, count: int) -> list[object] | None:
 
 
 def _legal_axis(value: object, info: ValidationInfo) -> object:
-    """Return the values of a field that is an axis if they are legal for this field (`legal_axis`)."""
+    """Return the axis that a field holds; a ValueError says what is illegal about it (`legal_axis`)."""
     return legal_axis(LEGAL[str(info.field_name)], value)
 
 
 def legal_axis(legal: Legal, value: object) -> object:
-    """Return an axis as a list of numbers, or as the table with its ends that was given.
+    """Return an axis as a list of numbers, or unchanged if it is a table with the ends of the axis.
 
     A ValueError says what is illegal about the axis.
     """
@@ -151,7 +153,7 @@ def _legal_range(value: object, info: ValidationInfo) -> object:
 #: Axis after validation: a list of values, ``{"log": [lo, hi, n]}`` or ``{"linear": [lo, hi, n]}``.
 GivenAxis = list[float] | dict[str, list[int | float]]
 
-#: Field for an axis, which may also be a single number. Legal values are those in `LEGAL` for the name of the field.
+#: Field for an axis, which may also be a single number. `LEGAL` has the legal values by the name of the field.
 Axis = Annotated[GivenAxis, BeforeValidator(_legal_axis)]
 
 #: Field for the range of a parameter in a sample: a number, ``{"log": [lo, hi]}`` or ``{"linear": [lo, hi]}``.
@@ -165,7 +167,7 @@ def expand_axis(axis: GivenAxis) -> list[float]:
     ((kind, (lo, hi, n)),) = axis.items()
     if kind == "linear":
         return np.linspace(lo, hi, int(n)).tolist()
-    # Values are rounded to fourteen digits, so that a logarithmic axis has 0.1 and not 0.09999999999999999.
+    # Values are rounded to fourteen digits. A logarithmic axis then has the value 0.1 instead of 0.09999999999999999.
     inner = [float(f"{value:.14g}") for value in np.geomspace(lo, hi, int(n))[1:-1]]
     return [float(lo), *inner, float(hi)]
 
@@ -186,7 +188,7 @@ class Axes(Strict):
         return self
 
     def varied(self) -> Mapping[str, Sequence[float | str]]:
-        """Return the values of every axis that is given; an axis of names has words as values."""
+        """Return the values of every axis that the table gives. The values of an axis are numbers or names."""
         return {name: expand_axis(axis) for name, axis in self if axis is not None}
 
     def count(self) -> int:
@@ -195,7 +197,10 @@ class Axes(Strict):
 
 
 def whole_field(default: _Whole, low: int, high: int, what: str = "") -> _Whole:
-    """Return a field for whole numbers from `low` to `high`; `what` ends the description of the legal values."""
+    """Return a field for whole numbers from `low` to `high`.
+
+    The description of the legal values ends with the text `what`.
+    """
     return Field(default, ge=low, le=high, description=f"a whole number from {low} to {high}{what}")
 
 
@@ -222,7 +227,7 @@ def table_field(model: type[_Model]) -> _Model:
 class Sample(Strict):
     """Cells that are drawn from a box by a Sobol sequence.
 
-    Each parameter is a number, or a range in which the parameter or its logarithm is evenly distributed.
+    A parameter of the sample is a number or a range. In a range, the parameter or its logarithm is evenly distributed.
     """
 
     stiffness_ratio: Range = Field(default={"log": [1e-3, 1e3]})
@@ -233,7 +238,10 @@ class Sample(Strict):
     seed: int = Field(0, ge=0, le=2**63 - 1, description="a whole number >= 0")
 
     def ends(self) -> dict[str, list[float]]:
-        """Return the least and the greatest value of every parameter; a parameter that is a number has only this."""
+        """Return a list of the least and the greatest value of every parameter.
+
+        If a parameter of the sample is a number, its list holds only this number.
+        """
         given: dict[str, Range] = {name: getattr(self, name) for name in AXES}
         return {name: [*next(iter(x.values()))] if isinstance(x, dict) else [x] for name, x in given.items()}
 

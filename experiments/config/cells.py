@@ -36,12 +36,13 @@ from impact_xval.model.graph.collision import GraphCollision
 if TYPE_CHECKING:
     from scipy.stats import qmc
 
-#: Columns by name, each an array of shape (n,). A column has numbers or texts, so its dtype is not fixed here.
+#: Columns by name, each an array of shape (n,). The dtype is not fixed here, because a column may hold numbers or
+#: texts.
 ColumnArrays = dict[str, NDArray[Any]]
 
 #: Numbers of cells in a chunk. `_CHUNK`: pairs with an engine among the solvers; `_CHAINS_CHUNK`: chains or graphs with
-#: an engine. Such a chunk is a few seconds of work. `_QUICK_CHUNK`: the largest number without an engine, by which a
-#: million cells make a thousand parts.
+#: an engine. Such a chunk is a few seconds of work. `_QUICK_CHUNK`: the largest number if no engine is among the
+#: solvers. With it a million cells make a thousand parts, the files with the rows of one chunk each.
 _CHUNK, _CHAINS_CHUNK, _QUICK_CHUNK = 16, 4, 1024
 
 #: Largest number of chunks of a run. With more cells, the chunks become larger.
@@ -76,9 +77,9 @@ class ExperimentCells:
 
     config: Config
     count: int
-    #: Function that returns the values on the axes of a range of cells, by the name of the axis, shape (n,) each.
+    #: Function that returns the values of the n cells in a range, by the name of the axis, each of shape (n,).
     values: Callable[[range], ColumnArrays]
-    #: SHA-256 of all values of the cells, for cells of a sample or a file; else empty.
+    #: SHA-256 of all values of the cells if they come from a sample or a file; otherwise an empty text.
     digest: str = ""
 
     def __len__(self) -> int:
@@ -115,7 +116,8 @@ class ExperimentCells:
     def chunk_size(self) -> int:
         """Number of cells in a chunk.
 
-        It is the number in the configuration. Without that, chunks are smaller if an engine is among the solvers.
+        It is the number in the configuration, if the configuration has one. Otherwise chunks are smaller if an engine
+        is among the solvers.
         """
         if self.config.chunk_size is not None:
             return self.config.chunk_size
@@ -137,7 +139,7 @@ class ExperimentCells:
 def experiment_cells(config: Config) -> ExperimentCells:
     """Return the cells of an experiment of any kind.
 
-    A `UserError` is raised if the experiment has a file of cells and this file is illegal.
+    A `UserError` is raised if the experiment has an illegal file of cells.
     """
     if config.chain is not None:
         table = config.chain
@@ -171,7 +173,7 @@ def cells_from_ratios(config: Config, values: NDArray[np.float64]) -> Experiment
 
 
 def collision_of(config: Config, cell: Cell) -> Collision:
-    """Return the collision of a cell in SI units, with m1, k1 and v0 of an experiment."""
+    """Return the collision of a cell in SI units, with the mass m1, stiffness k1 and velocity v0 of an experiment."""
     m1, k1 = config.scales["m1"], config.scales["k1"]
     m2, k2 = m1 * cell.mass_ratio, k1 * cell.stiffness_ratio
     return Collision.two_balls(m1, m2, k1, k2, cell.e1, cell.e2, config.v0)
@@ -180,8 +182,9 @@ def collision_of(config: Config, cell: Cell) -> Collision:
 def _cells_of_grids(config: Config, grids: Sequence[Mapping[str, Sequence[float | str]]]) -> ExperimentCells:
     """Return the cells of one or more grids, one grid after the other.
 
-    A grid has the values of each axis by its name. The last axis varies fastest. The first one, the stiffness ratio or
-    the number of balls, varies slowest, so that neighbouring cells need about the same number of time steps.
+    A grid holds the values of each axis, by the name of the axis. The last axis varies fastest. The first axis, which
+    is the stiffness ratio or the number of balls, varies slowest. Neighbouring cells then need about the same number of
+    time steps.
     """
     axes = [{name: np.array(axis) for name, axis in grid.items()} for grid in grids]
     shapes = [tuple(map(len, grid.values())) for grid in grids]
@@ -217,7 +220,8 @@ def _make_chains(cells: ColumnArrays) -> Sequence[Collision]:
         chain_setup_values(arrangement, dict(zip(numbers, row, strict=True)))
         for arrangement, row in zip(cells["arrangement"].tolist(), rows, strict=True)
     )
-    # The chains are not validated here. Those at the ends of all axes were, and then all chains between them are legal.
+    # The chains are not validated here. The chains at the ends of all axes have been validated already. If they are
+    # legal, all chains between them are legal too.
     chains = [ChainSetup.model_construct(None, **setup).collision() for setup in setups]
     kinds = {(len(chain.masses), chain.table, chain.exponent) for chain in chains}
     return Collisions.of(chains) if len(kinds) == 1 else chains
@@ -246,7 +250,8 @@ def sobol_sequence(dimensions: int, generator: np.random.Generator) -> qmc.Sobol
 def draw(sample: Sample) -> NDArray[np.float64]:
     """Return the values of cells that are drawn from the box of a sample, shape (n, 4).
 
-    The cells are the first n points of a scrambled Sobol sequence whose length is the next power of two.
+    The cells are the first n points of a scrambled Sobol sequence. The length of the sequence is the smallest power of
+    two that is at least n.
     """
     n, d = sample.n, len(sample.free())
     unit = np.empty((n, 0))

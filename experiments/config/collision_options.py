@@ -1,7 +1,7 @@
 """Options that describe one collision, in a command or in the address of the explorer's page.
 
-`parse_collision` makes a collision of the options. Validation of a `Config` decides what is legal. An error is one line
-that names the option, the value and the legal values. NumPy is imported only when options are parsed, because help
+`parse_collision` makes a collision from the options. Validation of a `Config` decides what is legal. An error is one
+line that names the option, the value and the legal values. NumPy is imported only when options are parsed, because help
 texts show the options and must appear at once.
 """
 
@@ -22,13 +22,14 @@ if TYPE_CHECKING:
 RATIOS = ("stiffness_ratio", "mass_ratio", "e1", "e2")
 #: Options of a chain that are whole numbers.
 _COUNTS = "balls", "strike"
-#: Options that only a chain of N balls has, without its arrangement. Its first mass and stiffness are the options m1,
-#: k1.
+#: Options that only a chain of N balls has, except the arrangement. The options m1 and k1 give the first mass and the
+#: first stiffness of a chain.
 OF_CHAIN = (*_COUNTS, "e", "exponent", "gap", "mass_taper", "stiffness_taper")
 #: Options that only two balls on a table have.
 _OF_TWO = (*RATIOS, "m2", "k2", "gravity")
 
-#: Options of one collision or chain and of its solution, each with its placeholder in the help and its meaning.
+#: Options that describe one collision or chain, and options for the solvers. Each has its placeholder in the help and
+#: its meaning.
 PARAMETERS = {
     "stiffness_ratio": ("R", "k2/k1, from 0 to inf."),
     "mass_ratio": ("R", "m2/m1, greater than 0."),
@@ -57,7 +58,9 @@ PARAMETERS = {
 def parse_collision(
     parameters: Mapping[str, str | None],
 ) -> tuple[Collision, ChainSetup | None, Config]:
-    """Return the collision that options describe, with the setup of a chain or None, and the settings of its solution.
+    """Return the collision that options describe, the setup if it is a chain, and the settings of the solvers.
+
+    The setup is None for two balls.
 
     The options describe two balls, by ratios or in SI units, or a chain of N balls.
 
@@ -111,8 +114,8 @@ def _parse_two_balls(plain: dict[str, float | str]) -> tuple[Collision, None, Co
             f"{', '.join(missing)} missing; legal: k2/k1 and m2/m1, or --m1 --m2 --k1 --k2, with --e1 and --e2"
         )
     cell = {key: plain.pop(key) for key in RATIOS}
-    # A grid of one cell replaces the built-in grid. With m1, k1 or v0 of the options, numbers of the built-in grid
-    # could overflow although this collision is legal.
+    # A grid of one cell replaces the built-in grid. With m1, k1 or v0 from the options, numbers of the built-in grid
+    # could overflow, although the collision of the options is legal.
     grid = {key: [1.0] for key in cell}
     data = {"scenario": "impact", "figure_cell": cell, "grid": grid, **plain}
     config = validate(Config, data, "", name=_option_of_key)
@@ -120,7 +123,7 @@ def _parse_two_balls(plain: dict[str, float | str]) -> tuple[Collision, None, Co
 
 
 def _positive(key: str, value: float | str, limits: Sequence[float] = ()) -> float:
-    """Return the number of an option if it is positive and finite or in `limits`.
+    """Return the number that an option gives if it is positive and finite, or one of the numbers in `limits`.
 
     For any other value a `UserError` names the option.
     """
@@ -142,7 +145,7 @@ def _parse_chain(plain: dict[str, float | str]) -> tuple[Collision, ChainSetup, 
 
 
 def _number_or_text(text: str) -> float | str:
-    """Return a text as a number if it is one; return any other text as it is, which validation then judges."""
+    """Return a text as a number if it is one; otherwise return the text unchanged, for validation to check."""
     try:
         return float(text)
     except ValueError:
@@ -150,9 +153,9 @@ def _number_or_text(text: str) -> float | str:
 
 
 def _option_of_key(location: Sequence[str | int]) -> str:
-    """Return the name of the option for the key of a configuration.
+    """Return the name of the option that sets a key of a configuration.
 
-    It is empty if the error is about several values together: the message then names them.
+    The name is empty if an error is about several values together. The message then names these values itself.
     """
     key = str(location[-1]) if location else "figure_chain"
     return "" if key == "figure_chain" else _option({"m": "m1", "k": "k1"}.get(key, key))

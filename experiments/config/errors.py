@@ -1,7 +1,7 @@
 """Exceptions whose messages are meant for the user, and the validation of TOML files with messages of one line.
 
-A message names the file, the field, its value and the legal values. The legal values are the description of the field
-in its pydantic model. Tables may stand inside tables and in lists.
+A message names the file, the field, its value and the legal values. The legal values come from the description of the
+field in its pydantic model. A TOML file may have tables inside tables and tables in lists.
 
 The modules that read files and options call `read_toml` and `validate`; the command line prints the exceptions.
 """
@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
     from pydantic_core import ErrorDetails
 
-#: Function that returns the name of a field, given the keys and the positions in lists that lead to it.
+#: Function that returns the name of a field. Its argument is the sequence of keys and of positions in lists that leads
+#: to the field.
 FieldName = Callable[[Sequence[str | int]], str]
 
 #: A table of a TOML file; its values are texts, numbers, truth values, lists and tables.
@@ -38,11 +39,11 @@ class _OneLineError(ImpactXvalError):
 
 
 class UserError(_OneLineError, ValueError):
-    """Mistake in what the user asked for. The command line prints its message in one line; the exit code is 2."""
+    """Error for a wrong request of the user. The command line prints its message in one line; the exit code is 2."""
 
 
 class InterruptedRunError(_OneLineError):
-    """Stop of a run before its end. Results that are already written are kept."""
+    """Error for a run that is stopped before its end. Results that are already written are kept."""
 
 
 def is_table(value: object) -> TypeGuard[TomlTable]:
@@ -68,7 +69,7 @@ def read_toml(path: Path | str) -> TomlTable:
 
 
 def dotted_name(parts: Sequence[str | int]) -> str:
-    """Return the name of a field with dots, such as ``grid.e1``; an entry of a list has its index: ``solvers.0``."""
+    """Return the name of a field with dots, such as ``grid.e1``, or ``solvers.0`` for the first entry of a list."""
     return ".".join(map(str, parts))
 
 
@@ -79,7 +80,7 @@ def validate(
     name: FieldName = dotted_name,
     context: str | None = None,
 ) -> _Model:
-    """Return the model of a table with these values; a `UserError` tells the first mistake and counts the others.
+    """Return the pydantic model of a TOML table; a `UserError` tells the first mistake and counts the others.
 
     Parameters
     ----------
@@ -124,7 +125,8 @@ def _one_line(problem: ErrorDetails, model: type[BaseModel], name: FieldName) ->
         case "missing":
             return f"{field} is missing; legal: {legal}"
         case "value_error":
-            # Messages of this project's validators begin with the value; those about a whole table begin otherwise.
+            # Messages of this project's validators about a single value begin with the value. Messages about a whole
+            # table do not.
             said = problem.get("ctx", {}).get("error")
             return f"{field}{': ' if inside else ' = '}{said}".removeprefix(": ")
         case _:
@@ -133,9 +135,11 @@ def _one_line(problem: ErrorDetails, model: type[BaseModel], name: FieldName) ->
 
 
 def _fields(annotation: object) -> dict[str, FieldInfo]:
-    """Return the fields of the table that an annotation names, also of an optional table or of a list of tables.
+    """Return the fields of the table that an annotation names.
 
-    For an annotation without a table there are no fields.
+    The annotation may also be of an optional table or of a list of tables.
+
+    If the annotation names no table, the result is empty.
     """
     from pydantic import BaseModel
 
@@ -146,7 +150,7 @@ def _fields(annotation: object) -> dict[str, FieldInfo]:
 
 
 def hint(word: str, known: Sequence[str]) -> str:
-    """Return a question in parentheses whether a similar known word was meant; empty if no known word is similar."""
+    """Return a question in parentheses that asks whether a similar known word was meant; empty without such a word."""
     close = difflib.get_close_matches(word.lower(), known, n=1)
     return f" (did you mean {close[0]!r}?)" if close else ""
 

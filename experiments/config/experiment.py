@@ -43,11 +43,12 @@ from impact_xval.experiments.config.graphs import GRAPH_AXES, GraphGrid, named_g
 from impact_xval.experiments.config.renamed import EXPERIMENT_KEYS, rename_keys
 from impact_xval.model.inputs import GRAZING_THRESHOLD, LEGAL_CUTOFF, V0, Cutoff, legal_cutoff
 
-#: Keys that decide which cells are computed. An experiment has at most one of them; without any it has the built-in
-#: grid.
+#: Keys that decide which cells are computed. An experiment has at most one of these keys. If it has none of them, its
+#: cells are those of the built-in grid.
 DESIGNS = ("grid", "sample", "cells", "chain", "graph")
 
-#: Kind of all cells of an experiment: two balls on a table, chains of N balls, or contact graphs.
+#: Kind of the cells of an experiment, the same for all of them: two balls on a table, a chain of N balls, or a contact
+#: graph.
 CellKind = Literal["pair", "chain", "graph"]
 
 #: Axes by which the cells of each kind are grouped, each with its name in tables and figures.
@@ -56,11 +57,11 @@ AXES_OF: Mapping[CellKind, Mapping[str, str]] = {"pair": AXES, "chain": CHAIN_AX
 #: Word for the cells of each kind, in the plural.
 NOUN_OF: Mapping[CellKind, str] = {"pair": "cells", "chain": "chains", "graph": "graphs"}
 
-#: Keys on which no row of the tables depends. The path of a file of cells is one of them: the values in the file, not
-#: its place, are part of the identity of each chunk.
+#: Keys on which no row of the tables depends. The path of a file of cells is among these keys, because the identity of
+#: a chunk contains the values in the file and not the place of the file.
 COSMETIC = ("name", "workers", "figure_cell", "figure_chain", "cells")
 
-#: Name of the model, with which every other solver is compared. It is part of every run.
+#: Name of the model. Every other solver is compared with the model, and the model is part of every run.
 REFERENCE = "state-transition"
 
 _NAME = "1 to 100 printable characters"
@@ -143,9 +144,9 @@ def _extremes(values: list[float]) -> list[float]:
 def _check_ratios(
     ratio: str, quantity: str, ratios: list[float], values: list[float], unit: str, scale: float
 ) -> None:
-    """Raise a ValueError if a quantity in SI units has an illegal ratio, or one that over- or underflows.
+    """Raise a ValueError if a ratio of a quantity in SI units is illegal, or over- or underflows.
 
-    `ratios` are the ratios of the values of `quantity` to `scale`, the value of `unit`: for example k2/k1.
+    `ratios` are the values of `quantity`, such as k2, divided by `scale`. `scale` is the value of `unit`, such as k1.
     """
     for value, made in zip(values, ratios, strict=True):
         limit = value == 0 or math.isinf(value)
@@ -155,7 +156,7 @@ def _check_ratios(
 
 
 def split_restitution(values: Mapping[str, _Values]) -> dict[str, _Values]:
-    """Return values by parameter in which `e1` and `e2` stand in the place of `e`, if there is an `e`."""
+    """Return values by parameter, with `e1` and `e2` in the place of `e` if `e` is one of the parameters."""
     others = {name: each for name, each in values.items() if name != "e"}
     return others | ({"e1": values["e"], "e2": values["e"]} if "e" in values else {})
 
@@ -223,7 +224,8 @@ class Config(Strict):
     @field_validator("stiffness_ratio_cutoff", mode="before")
     @classmethod
     def _cutoff(cls, value: object) -> object:
-        # This validator runs before pydantic's, which would report one mistake twice: once for each type of the union.
+        # This validator runs before the validation of pydantic, which would report one mistake twice, once for each
+        # type of the union.
         if not legal_cutoff(value):
             raise ValueError(f"{shorten(value)}; legal: {LEGAL_CUTOFF}")
         return value
@@ -256,7 +258,7 @@ class Config(Strict):
         return self
 
     def _keys_of_others(self) -> dict[str, str]:
-        """Return the keys that belong to other kinds of cells, each with a text that says what is legal instead."""
+        """Return the keys that only other kinds of cells may have, each with a text that says what is legal instead."""
         match self.kind:
             case "pair":
                 return {"figure_chain": "figure_cell"}
@@ -269,7 +271,7 @@ class Config(Strict):
 
     @model_validator(mode="after")
     def _computable(self) -> Config:
-        # If the experiment has a sample, a file, chains or graphs, the built-in grid is not computed nor checked.
+        # If the experiment has a sample, a file, chains or graphs, the built-in grid is neither computed nor checked.
         ends: dict[str, list[float]] = {}
         if self.cells is None and self.kind == "pair":
             ends = self.grid.axes() if self.sample is None else self.sample.ends()
@@ -304,9 +306,10 @@ class Config(Strict):
 
     @property
     def scales(self) -> dict[str, float]:
-        """Mass m1 in kg and stiffness k1 in N/m of the pair that is drawn in figures.
+        """Mass m1 in kg and stiffness k1 in N/m of the one pair of balls that the figures show.
 
-        They are the first values of the axes m1 and k1 if the grid has these, otherwise the values above the tables.
+        They are the first values of the axes m1 and k1 if the grid has these axes. Otherwise they are the values that
+        the file gives above its tables.
         """
         axes = self.grid.axes() if "grid" in self.model_fields_set else {}
         return {name: axes[name][0] if name in axes else getattr(self, name) for name in ("m1", "k1")}
@@ -318,9 +321,10 @@ class Config(Strict):
         m1: float | None = None,
         k1: float | None = None,
     ) -> tuple[int, str] | None:
-        """Return the index and a message for the first ratio with which a number of a cell over- or underflows.
+        """Find the first ratio with which a number of a cell over- or underflows; return its index and a message.
 
-        Return None if there is no such ratio. m1 is in kg and k1 in N/m; by default they are those of the experiment.
+        Return None if there is no such ratio. m1 is in kg and k1 in N/m. By default m1 and k1 of the experiment are
+        used.
         """
         k, m = np.asarray(stiffness_ratios, float), np.asarray(mass_ratios, float)
         m1, k1 = self.m1 if m1 is None else m1, self.k1 if k1 is None else k1
@@ -358,7 +362,7 @@ class Config(Strict):
     def size(self) -> str:
         """Return a text that tells the number of cells, and the number of values on each axis.
 
-        An axis with its default values is marked as such. The text is empty for a sample and for a file of cells.
+        The text says of an axis if it has its default values. The text is empty for a sample and for a file of cells.
         """
         if self.sample is not None or self.cells is not None:
             return ""
@@ -370,7 +374,7 @@ class Config(Strict):
         return f"{table.count()} {NOUN_OF[self.kind]}; values on each axis: {', '.join(axes)}"
 
     def _as_written(self) -> dict[str, object]:
-        """Return the values of all keys that apply to this experiment, as a TOML file has them."""
+        """Return the values of all keys that apply to this experiment, in the form that they have in a TOML file."""
         left_out: dict[str, set[str] | bool] = (
             {"grid": self.grid.replaced_axes} if self.grid.replaced_axes else {}
         )
@@ -434,7 +438,9 @@ def solvers_problem(names: list[str]) -> str | None:
 
 
 def load_config(path: Path | str, context: str = "") -> Config:
-    """Return the experiment in a TOML file. By default the experiment has the name of the file.
+    """Return the experiment that a TOML file describes.
+
+    If the file gives no name, the experiment has the name of the file.
 
     The context is `KEPT` if the file belongs to the folder of a run. If a value is illegal, a `UserError` names the
     file, the field, the value and the legal values.
@@ -450,8 +456,8 @@ def load_config(path: Path | str, context: str = "") -> Config:
 
 
 def parse_config(data: Mapping[str, object], where: str = "configuration") -> Config:
-    """Return the experiment with these keys and values, which are given as a TOML file has them.
+    """Return the experiment with the given keys and values, which have the form that they have in a TOML file.
 
-    If a value is illegal, a `UserError` that begins with `where` says what is legal.
+    If a value is illegal, a `UserError` says what is legal. Its message begins with the text `where`.
     """
     return validate(Config, data, where)

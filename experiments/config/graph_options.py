@@ -1,7 +1,7 @@
 """Options of the command ``solve --graph``: the options that each contact graph has, and their legal values.
 
-`parse_graph` makes a contact graph of these options. NumPy is imported only then, because help texts show the options
-and must appear at once.
+`parse_graph` makes a contact graph from these options. NumPy is imported only in this function, because help texts show
+the options and must appear at once.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ GRAPH_PARAMETERS = {
     "inertia": ("R", "Moment of inertia of a box over m a^2 with the half width a."),
 }
 
-#: Options that every graph has. They decide how the graph is solved.
+#: Options that every graph has. They decide how solvers solve the graph.
 SOLVED_BY = ("step_fraction", "cell_timeout")
 
-#: Options of each graph by its name; e1 and e2 are two restitutions.
+#: Options of each graph, by the name of the graph. The options e1 and e2 are two restitutions.
 OPTIONS_OF = {
     "bernoulli": ("angle", "stiffness_ratio", "restitution"),
     "corner": ("angle", "stiffness_ratio", "e1", "e2", "velocity"),
@@ -37,15 +37,16 @@ OPTIONS_OF = {
     "box": ("inertia", "stiffness_ratio", "restitution"),
 }
 
-#: Default restitutions of the graphs that have two of them; the same as in `model.graph.named`.
+#: Default restitutions of the graphs with two restitutions. `model.graph.named` has the same defaults.
 _RESTITUTIONS = {"corner": (1.0, 1.0), "bridge": (0.9, 0.7)}
 
 
 def parse_graph(parameters: Mapping[str, str | None]) -> tuple[GraphCollision, str]:
     """Return the contact graph that options describe, and its description in words.
 
-    `parameters` has the texts of options by name, None for an option that was not typed. The options in `SOLVED_BY` are
-    ignored here. If an option is illegal, a `UserError` names the option, its value and the legal values.
+    `parameters` has the text of each option by the name of the option, or None if the option was not typed. The options
+    in `SOLVED_BY` are ignored here. If an option is illegal, a `UserError` names the option, its value and the legal
+    values.
     """
     given = {key: text for key, text in parameters.items() if text is not None and key not in SOLVED_BY}
     name = given.pop("graph")
@@ -103,7 +104,8 @@ def _vector(key: str, text: str) -> tuple[float, ...]:
     return x, z
 
 
-#: Functions that read the text of an option; `_number` reads all others.
+#: Functions that read the text of an option, by the name of the option. `_number` reads all options that are not named
+#: here.
 _READERS: Mapping[str, Callable[[str, str], object]] = {
     "e1": _restitution,
     "e2": _restitution,
@@ -114,9 +116,10 @@ _READERS: Mapping[str, Callable[[str, str], object]] = {
 
 
 def _named_option(said: str, given: Mapping[str, str]) -> str:
-    """Return the message of a graph about an illegal value, with the name of the option instead of the field's name.
+    """Return a message about an illegal value of a graph, with the name of the option in place of the field's name.
 
-    `said` is the message and begins with the name of a field; `given` has the texts of the options.
+    `said` is the message, which begins with the name of a field of the graph. `given` has the text of each option that
+    was typed, by the name of the option.
     """
     field, _, rest = said.partition(" ")
     if field in given:

@@ -1,8 +1,9 @@
-"""Contact graphs in an experiment: the table ``[graph]`` with the axes of the graphs that can be named in it.
+"""Contact graphs in an experiment: the table ``[graph]``, which names graphs and gives the values on their axes.
 
-The graphs are `bernoulli`, `corner`, `bridge` and `rack` of `model.graph.named` (`docs/graphs.md`). There they have a
-mass of 1 kg, k1 = 1 N/m and a speed of 1 m/s; here they get m1, k1 and v0 of the experiment. Each graph has only some
-of the axes. In its cells the values on all other axes are NaN.
+The graphs are `bernoulli`, `corner`, `bridge` and `rack` of `model.graph.named` (`docs/graphs.md`). In that module they
+have a mass of 1 kg, a stiffness k1 of 1 N/m and a speed of 1 m/s. In an experiment they get the mass m1, stiffness k1
+and velocity v0 of the experiment. Each graph has only some of the axes. The cells of a graph have NaN on all other
+axes.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ _LEGAL = {
     "e": E1._replace(name="e"),
 }
 
-#: Value of a graph on each axis, by the name of the axis.
+#: Values of a graph, one for each axis, by the name of the axis.
 Numbers = Mapping[str, float]
 
 
@@ -67,9 +68,11 @@ class GraphSpec(NamedTuple):
     axes: tuple[str, ...]
     #: Function that returns the graph with given values on its axes.
     make: Callable[[Numbers], GraphCollision]
-    #: Function that returns the mirror symmetry of the graph, or None if it has none with these values.
+    #: Function that returns the mirror symmetry of the graph with given values on its axes, or None if this graph is
+    #: not symmetric.
     mirror: Callable[[Numbers], Mirror | None]
-    #: Default angles in degrees and legal angles; empty and None for a graph without an angle.
+    #: Default angles in degrees, and the legal angles. For a graph without an angle, the first is empty and the second
+    #: is None.
     angles: tuple[float, ...] = ()
     legal_angle: Legal | None = None
 
@@ -83,8 +86,8 @@ def _mirrored_rack(numbers: Numbers) -> Mirror:
     return Mirror(1, tuple(images))
 
 
-#: Contact graphs that an experiment can name. In `bernoulli` and `bridge` a ball falls on two equal balls; each of
-#: these is the mirror image of the other.
+#: Contact graphs that an experiment can name. In `bernoulli` and `bridge` a ball falls on two equal balls, which are
+#: mirror images of each other.
 GRAPH_SPECS = {
     "bernoulli": GraphSpec(
         ("angle", "stiffness_ratio", "e"),
@@ -178,9 +181,9 @@ class GraphGrid(Axes):
         return {key for key in _LEGAL if not any(key in GRAPH_SPECS[name].axes for name in self.name)}
 
     def varied(self) -> dict[str, list[float] | list[str]]:
-        """Return the names of the graphs, and the values on every axis that at least one of them has.
+        """Return the names of the graphs, and the values on every axis that at least one of the graphs has.
 
-        Without angles in the file each graph has its own default angles, and the axis of angles is not in the result.
+        If the file gives no angles, each graph has its own default angles, and the axis of angles is not in the result.
         """
         axes: dict[str, list[float] | list[str]] = {"name": self.name}
         keys = [key for key in GRAPH_AXES if key in _LEGAL and key not in self.unused_axes]
@@ -196,7 +199,10 @@ class GraphGrid(Axes):
         return sum(math.prod(map(len, self.axes(name).values())) for name in self.name)
 
     def axes(self, name: str) -> dict[str, list[float]]:
-        """Return the values of a graph on every axis; a single NaN on an axis that the graph does not have."""
+        """Return the values of a graph on every axis.
+
+        On an axis that the graph does not have, the only value is NaN.
+        """
         spec = GRAPH_SPECS[name]
         given = {key: getattr(self, key) for key in _LEGAL}
         given["angle"] = self.angle or list(spec.angles)
@@ -209,7 +215,7 @@ class GraphGrid(Axes):
     def corners(self) -> Iterator[tuple[str, dict[str, float]]]:
         """Yield the graphs at the ends of all axes, each as its name and its value on each axis.
 
-        If any graph of the axes is illegal, one of these graphs is.
+        If any graph on the axes is illegal, at least one of these graphs is illegal too.
         """
         for name in self.name:
             for end in (min, max):
@@ -226,14 +232,14 @@ def named_graph(name: str, numbers: Numbers, m1: float, k1: float, v0: float) ->
     numbers : mapping of str to float
         Value on each axis.
     m1, k1 : float
-        Mass in kg and stiffness in N/m that replace 1 kg and 1 N/m in `model.graph.named`.
+        Mass in kg and stiffness in N/m. They replace the values 1 kg and 1 N/m of `model.graph.named`.
     v0 : float
-        Velocity in m/s whose absolute value replaces the speed of 1 m/s.
+        Velocity in m/s. Its absolute value replaces the speed of 1 m/s in `model.graph.named`.
 
     Raises
     ------
     ValueError
-        If a number is illegal or leaves double precision.
+        If a number is illegal, or over- or underflows in double precision.
     """
     graph, speed = GRAPH_SPECS[name].make(numbers), abs(v0)
     return replace(

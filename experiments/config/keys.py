@@ -1,7 +1,7 @@
 """Keys of the TOML file of an experiment, each with its default, its legal values and its meaning.
 
-The documentation site lists them. The pydantic models in `experiment` decide which keys there are and what is legal. A
-key that is added there needs a line in `MEANINGS`.
+The documentation site lists them. The pydantic models in `experiment` define the keys and their legal values. Every key
+of these models needs a line in `MEANINGS`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from pydantic.fields import FieldInfo
 from impact_xval.experiments.config.axes import LEGAL
 from impact_xval.experiments.config.experiment import Config
 
-#: One sentence for each key that says what its value decides. A key in a table has the name of the table before it.
+#: Meaning of each key: one sentence that says what the value of the key decides. The name of a key in a table begins
+#: with the name of the table.
 MEANINGS = {
     "name": "Name of the experiment; the run goes to the folder runs/NAME.",
     "scenario": "A `drop` has gravity, and the lower ball rests settled on the table. An `impact` has no gravity.",
@@ -95,7 +96,7 @@ class Key:
 
     #: Name as `table.key`, or `key` for a key above all tables of the file.
     name: str
-    #: Value of the key if the file does not have it; None if there is no such value.
+    #: Value of the key if the key is missing in the file; None if the key has no default.
     default: object
     #: The legal values in words.
     legal: str
@@ -108,7 +109,8 @@ def experiment_keys(model: type[BaseModel] = Config, before: str = "") -> Iterat
     Raises
     ------
     KeyError
-        If a key has no entry in `MEANINGS`, or neither a description nor an entry in `LEGAL`.
+        If a key has no entry in `MEANINGS`, or if its legal values are given neither by a description nor by an entry
+        in `LEGAL`.
     """
     for field_name, field in model.model_fields.items():
         table, name = _table_of(field), before + field_name
@@ -120,7 +122,10 @@ def experiment_keys(model: type[BaseModel] = Config, before: str = "") -> Iterat
 
 
 def _table_of(field: FieldInfo) -> type[BaseModel] | None:
-    """Return the model of a field that is a table or an optional table; None for any other field."""
+    """Return the pydantic model of the table that a field holds; None if the field holds no table.
+
+    The table may be optional.
+    """
     for kind in (field.annotation, *get_args(field.annotation)):
         if isinstance(kind, type) and issubclass(kind, BaseModel):
             return kind

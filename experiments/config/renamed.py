@@ -2,8 +2,8 @@
 
 The dictionaries map old names to new names. The functions translate names in TOML files and options that were written
 for 0.4; the classes that validate a configuration call them. `tables.earlier` uses the dictionaries to translate the
-tables of a run, and the command ``scoreboard`` to translate the answers of an earlier scoreboard. Old names are
-understood for one release.
+tables of a run, and the command ``scoreboard`` to translate the answers of an earlier scoreboard. The project
+understands old names for one release.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ CASES = {f"drop, k2/k1 = {ratio}": f"pile, k2/k1 = {ratio}" for ratio in ("0.01"
 
 
 def rename_keys(data: object, names: Mapping[str, str], *, warn: bool) -> object:
-    """Return a TOML table in which the keys of version 0.4 have their new names; return any other value as it is.
+    """Return a TOML table with new names in place of the keys of version 0.4; return any other value unchanged.
 
     If the table has both the old and the new name of a key, the old name is kept, and validation refuses it as unknown.
-    With `warn`, a `FutureWarning` tells each renamed key.
+    With `warn`, a `FutureWarning` names each key that was renamed.
     """
     if not is_table(data):
         return data
@@ -53,7 +53,7 @@ def rename_keys(data: object, names: Mapping[str, str], *, warn: bool) -> object
 
 
 def rename_arrangement(name: object, *, warn: bool) -> object:
-    """Return the new name of an arrangement of version 0.4; return any other value as it is.
+    """Return the new name of an arrangement of version 0.4; return any other value unchanged.
 
     With `warn`, a `FutureWarning` tells the new name.
     """

@@ -1,9 +1,9 @@
-"""Test in chains of N balls whether two bodies move as one if the contact between them becomes infinitely stiff.
+"""Test in chains of N balls, which shows whether two bodies move as one if their contact becomes infinitely stiff.
 
-To answer this, a chain is compared with its *welded* chain of N - 1 balls, in which the two bodies are one body with
-the mass and the momentum of both. If one of the two is the table, its ball is part of the table. The same solver solves
-both chains, so that the verdict depends on the hypothesis alone and not on the solver's law. `run` calls this module
-for a test of the hypothesis, and `own` for a collision that a user gives.
+The test compares a chain with its *welded* chain of N - 1 balls. In the welded chain the two bodies are one body with
+the mass and the momentum of both. If one of the two bodies is the table, the other is a ball, which becomes part of the
+table. The same solver solves both chains. The verdict therefore depends on the hypothesis alone, and not on the
+solver's law. `run` calls this module for a test of the hypothesis, and `own` for a collision that a user gives.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ from impact_xval.model.collision import Collision
 #: opens and closes a thousand times.
 SOLVERS = ("state-transition", "bistiffness", "kelvin-voigt", "kelvin-voigt-textbook")
 
-#: Range of masses and stiffnesses, which are drawn uniformly in the logarithm; and range of the restitutions of lossy
-#: contacts, which are drawn uniformly.
+#: Range of masses and stiffnesses, whose logarithms are drawn uniformly. Range of the restitutions of lossy contacts,
+#: which are drawn uniformly.
 SPREAD, RESTITUTION = (0.3, 3.0), (0.5, 0.99)
 
-#: All contacts are elastic in one of this many chains.
+#: One chain in this number of chains has elastic contacts only.
 ELASTIC = 3
 
 #: Error of an exact solver's velocities in chains, per speed of impact (docs/chains.md, sections 6 and 7).
 ERROR = 1e-9
 
-#: Arrangements of chains, each with the positions of the contact that becomes infinitely stiff.
+#: Arrangements of chains. For each arrangement, the positions of the contact that becomes infinitely stiff.
 PLACES: tuple[tuple[Arrangement, str], ...] = (
     *((name, where) for name in ("row", "cradle") for where in ("top", "middle", "bottom")),
     *((name, where) for name in ("pile", "stack") for where in ("top", "middle", "table")),
@@ -49,11 +49,12 @@ PLACES: tuple[tuple[Arrangement, str], ...] = (
 def draw_chains(
     place: tuple[Arrangement, str], points: int, balls: tuple[int, int], seed: int
 ) -> list[tuple[Collision, int]]:
-    """Draw random chains; return each with the index of the contact that is to become infinitely stiff.
+    """Draw random chains; return each chain with the index of its stiff contact.
 
-    `points` is the number of chains, and `balls` the least and the largest number of balls in a chain. `place` is the
-    arrangement and the position of the contact. That contact is first as stiff as the stiffest of all other contacts.
-    In a cradle two balls strike, and the middle contact is the contact between these balls and the others.
+    The stiff contact is the one that a test makes stiffer and stiffer. In the chains that are returned, it is only as
+    stiff as the stiffest of all other contacts. `points` is the number of chains, and `balls` the least and the largest
+    number of balls in a chain. `place` is the arrangement and the position of the stiff contact. In a cradle two balls
+    strike, and the middle contact is the contact between the second of these balls and the third ball of the chain.
     """
     arrangement, where = place
     rng = np.random.default_rng((seed, PLACES.index(place)))
@@ -74,15 +75,15 @@ def draw_chains(
 
 
 def stiffen_contact(chain: Collision, contact: int, contrast: float) -> Collision:
-    """Return the chain in which the contact of index `contact` is `contrast` times as stiff."""
+    """Return the chain with the stiffness of the contact of index `contact` multiplied by `contrast`."""
     stiffnesses = (k * contrast if i == contact else k for i, k in enumerate(chain.stiffnesses))
     return dataclasses.replace(chain, stiffnesses=tuple(stiffnesses))
 
 
 def weld_contact(chain: Collision, contact: int) -> Collision:
-    """Return the chain in which the two bodies of a contact are welded into one body.
+    """Return the welded chain, in which the two bodies of a contact are one body.
 
-    If the contact is with the table, its ball becomes a part of the table.
+    If the contact is between a ball and the table, the ball becomes a part of the table.
     """
     upper, is_table_contact = contact, contact == len(chain.masses) - 1
     if is_table_contact:
@@ -101,8 +102,9 @@ def weld_contact(chain: Collision, contact: int) -> Collision:
 def velocities_of_balls(velocities: Sequence[float], contact: int) -> tuple[float, ...]:
     """Return the velocities of all balls of a chain, given the velocities of the balls of its welded chain.
 
-    The two balls of the welded contact get the velocity of the one body. Every ball below them is one place higher in
-    the welded chain. If the welded contact is with the table, ball N gets the velocity of the table, 0.
+    In the welded chain, the two balls of a contact are one body, and every ball below them is one place higher. Both
+    balls get the velocity of this body. If the welded contact is between ball N and the table, ball N gets the velocity
+    of the table, which is 0.
     """
     of_welded = (*velocities, 0.0)
     above = of_welded[: contact + 1]
@@ -113,7 +115,7 @@ def velocities_of_balls(velocities: Sequence[float], contact: int) -> tuple[floa
 def solve_chains(config: HypothesisConfig) -> Frame:
     """Solve the chains of a test by exact solvers, at rising contrasts.
 
-    Return the outcomes, one row per position of the stiff contact, solver, chain and contrast.
+    Return a table of outcomes, with one row for each position of the stiff contact, solver, chain and contrast.
     """
     design = config.chains
     contrasts = spaced_contrasts(design.contrast, design.per_decade)
@@ -137,11 +139,11 @@ def solve_chains(config: HypothesisConfig) -> Frame:
 def _solve_at_contrasts(
     contrasts: Sequence[float], keys: Record, chain: Collision, contact: int
 ) -> Iterator[Record]:
-    """Yield the outcomes of a chain at rising contrasts of a contact, one row per contrast.
+    """Yield the outcomes of a chain whose stiff contact has rising contrasts, one row per contrast.
 
-    The closed form in a row is the outcome of the welded chain. `keys` identify the chain and its solver, and are part
-    of every row. Velocities are in m/s, and the incoming balls have 1 m/s. `weights` in a row are the masses, divided
-    by twice the kinetic energy before the collision.
+    The closed form in a row is the outcome of the welded chain, in which the two bodies of the stiff contact are one
+    body. `keys` identify the chain and its solver, and are part of every row. Velocities are in m/s, and the incoming
+    balls have 1 m/s. `weights` in a row are the masses, divided by twice the kinetic energy before the collision.
     """
     chains = [*(stiffen_contact(chain, contact, x) for x in contrasts), weld_contact(chain, contact)]
     *outcomes, as_one = get_solver(keys["solver"]).solve_many(chains, Settings(mark=False))

@@ -1,7 +1,7 @@
 """Configuration of a test of the hypothesis that an infinitely stiff pair of bodies acts as one body.
 
-It is read from a TOML file and checked. An empty file gives the built-in configuration. `run` and the command
-`impact-xval hypothesis` use it.
+The configuration is read from a TOML file and checked. An empty file gives the built-in configuration. The module `run`
+and the command `impact-xval hypothesis` use the configuration.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from impact_xval.experiments.config.errors import read_toml, shorten, validate
 from impact_xval.experiments.config.experiment import Config, Solvers
 from impact_xval.experiments.config.renamed import HYPOTHESIS_KEYS, rename_keys
 
-#: Exact laws that a test of the hypothesis uses by default, in addition to the default solvers of a run.
+#: Exact laws that a test of the hypothesis uses by default. It also uses the default solvers of a run.
 LAWS = ("kelvin-voigt-anchored", "kelvin-voigt-textbook", "hunt-crossley", "liu-zhao-brogliato")
 
 
 def _in_order(value: tuple[float, float], info: ValidationInfo) -> tuple[float, float]:
-    """Return a range of contrasts if it is legal, else raise a ValueError.
+    """Return a range of contrasts if the range is legal; otherwise raise a ValueError.
 
     A contrast is a stiffness ratio. Above the largest legal contrast double precision does not suffice.
     """
@@ -33,8 +33,8 @@ def _in_order(value: tuple[float, float], info: ValidationInfo) -> tuple[float, 
     return value
 
 
-#: Range of contrasts, least and largest. A list is accepted, because TOML has no tuples. Each number in it must be a
-#: number in TOML too, not a text.
+#: Range of contrasts, least and largest. A list is accepted, because TOML has no tuples. Each entry of the list must be
+#: a number in TOML too, and not a text.
 _Contrast = Annotated[
     tuple[float, float], Field(strict=False, description="[lo, hi]"), AfterValidator(_in_order)
 ]
@@ -48,7 +48,7 @@ class ChainsConfig(Strict):
     balls: tuple[int, int] = Field(
         (4, 7), strict=False, description="whole numbers from 4 to 12, least first"
     )
-    contrast: _Contrast = (1e1, 1e6)  # stiffness of the stiff contact over the largest of the others
+    contrast: _Contrast = (1e1, 1e6)  # stiffness of the stiff contact over the largest other stiffness
     per_decade: int = whole_field(4, 4, 64, " (contrasts in a decade)")
     fit_decades: _Decades = 3.0
 
@@ -82,8 +82,8 @@ class HypothesisConfig(Strict):
 def spaced_contrasts(ends: tuple[float, float], per_decade: int) -> list[float]:
     """Return rising contrasts, `per_decade` in each decade.
 
-    The largest contrast is the upper end of the range, and the others are spaced down from it. So the last whole
-    decades of the range begin exactly at a contrast.
+    The largest contrast is the upper end of the range, and the other contrasts are spaced downwards from it. So each of
+    the last whole decades of the range begins exactly at one of the contrasts.
     """
     low, high = map(math.log10, ends)
     whole = math.floor((high - low) * per_decade + 1e-9)

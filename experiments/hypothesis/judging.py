@@ -3,25 +3,25 @@
 In a limiting case one contact becomes infinitely stiff compared with the others. The contrast x is the ratio of the
 stiffnesses. A series is the outcomes of one solver at rising contrasts, with all other parameters fixed at one point.
 Velocities are written as vectors w whose length is the kinetic norm; for two balls w = (v1, sqrt(m2/m1) v2). D is the
-distance of w from the closed form. The rule finds out whether a series gets to the closed form and at what rate, or
-where it goes otherwise:
+distance of w from the closed form. The rule of the verdict finds out whether a series approaches the closed form, and
+at what rate. If the series does not, the rule finds out where it goes instead. These are the steps of the rule:
 
-1. The *window* is the last `decades` of contrast of the usable outcomes. It ends where D sinks for good below
-   `FLOOR_ERRORS` times the error of the solver.
-2. **Rate**: the slope of ln D over ln x, by the method of Theil and Sen. Contacts that ring let D drop almost to 0 at
-   single contrasts. The method takes a median of slopes, which these drops do not influence.
-3. **Limit**: L in the fit w = L + A x^-s by least squares, with s from `EXPONENTS`. The error of the limit is the
-largest
-   of these numbers: the changes of L if the fit leaves out the last decade (or half of a short window), has a second
-   term in x^-2s, or takes any other s whose residual is at most twice the least; the least residual; and the error of
-   the solver.
+1. The **window** consists of the usable outcomes in the last `decades` of contrast. It ends where D sinks for good
+   below `FLOOR_ERRORS` times the error of the solver.
+2. The **rate** is the slope of ln D over ln x, by the method of Theil and Sen. At single contrasts D drops almost to 0,
+   because contacts ring. The method takes a median of slopes, which these drops do not influence.
+3. The **limit** is L in the fit w = L + A x^-s by least squares, with s from `EXPONENTS`. Several numbers are computed
+   for the error of the limit, and the largest of them is taken. Three of them are changes of L: if the fit leaves out
+   the last decade (or half of a short window), if it has a second term in x^-2s, or if it takes any other s whose
+   residual is at most twice the least residual. The other two are the least residual and the error of the solver.
+   If the best s is the first or the last of `EXPONENTS`, the largest distance of the last decade's outcomes from their
+   mean counts too.
 4. A series **settles** if the diameter of its last decade is smaller than the diameter of its first decade by at least
-   the factor 10^`LEAST_RATE` per decade, or is below what the solver resolves. It also settles if that diameter is
-   below a tenth of the distance from the closed form. Then the limit is the mean of the last decade, and the diameter
-   is its error.
-5. A series **jumps** where D in the later half of the window exceeds, `JUMP` times, both the fitted line of the rate
-and
-   the D at the contrast before.
+   the factor 10^`LEAST_RATE` per decade. It also settles if the diameter of its last decade is below what the solver
+   resolves, or below a tenth of the distance from the closed form. In the last case the limit is the mean of the last
+   decade, and the diameter is the error of the limit.
+5. A series **jumps** at a contrast in the later half of the window if D there exceeds two numbers by the factor `JUMP`:
+   the fitted line of the rate, and D at the contrast before.
 
 Points are grouped in classes by which of their contacts are elastic (`run.pair_class`). The verdict on a class is
 
@@ -31,8 +31,8 @@ Points are grouped in classes by which of their contacts are elastic (`run.pair_
   point either agrees with the closed form within the error of its limit or has too few results;
 * else `no limit` if at least half of its points have no limit; else `undecided`.
 
-The verdict on a limiting case is the worst verdict on its classes. A class does not count if it is undecided only
-because it agrees with the closed form within the error of the solver, and another class is supported.
+The verdict on a limiting case is the worst verdict on its classes. A class may be undecided only because it agrees with
+the closed form within the error of the solver. Such a class does not count if another class is supported.
 """
 
 from __future__ import annotations
@@ -56,11 +56,11 @@ from impact_xval.model.status import RESULT_STATUSES
 #: Least rate r of an approach D ~ x^-r. Over four decades of contrast D falls at this rate by a factor of 2.5.
 LEAST_RATE = 0.1
 
-#: Least factor by which the median D of a supported series falls from the first decade of its window to the last. A
-#: series that falls by less may level out just beyond the window.
+#: Least factor by which the median D of a supported series falls from the first decade of its window to the last
+#: decade. If D falls by less, it may stop falling just beyond the window.
 LEAST_FALL = 2.5
 
-#: A distance D is known only if it exceeds this many times the error of the solver.
+#: A distance D counts as known only if it exceeds the error of the solver by this factor.
 FLOOR_ERRORS = 3.0
 
 #: Factor by which D at a jump exceeds both the fitted line and the D at the contrast before.
@@ -69,22 +69,23 @@ JUMP = 30.0
 #: Exponents s that are tried in the fit w = L + A x^-s, which gives the limit L of a series.
 EXPONENTS = np.arange(0.1, 3.01, 0.05)
 
-#: A class of points is refuted if at least this share of its points is refuted.
+#: Least share of refuted points with which a class of points is refuted.
 REFUTING_SHARE = 0.1
 
 #: Margin, in decades, with which two contrasts are compared, because contrasts are rounded.
 _SLACK = 1e-6
 
 #: Grazing margin below which an outcome lies next to a jump of the model, and is not used. In the limiting cases of
-#: k2/k1 it is the ringing of the stiff contact that grazes. The ringing, and with it the margin, shrinks as the inverse
-#: of the square root of the contrast. So the margin is multiplied by that root before it is compared with this number.
+#: k2/k1 the stiff contact rings, and this ringing grazes. The ringing and the grazing margin both shrink as the inverse
+#: of the square root of the contrast. So the margin is multiplied by this square root before it is compared with
+#: `GRAZING`.
 GRAZING = 1e-3
 
 #: Largest D, in units of the motion before the impact, at which an outcome counts as close to the closed form of a
 #: limiting case.
 CLOSE = 0.05
 
-#: Number of random resamples for the bootstrap interval of a median rate, and the seed of these samples.
+#: Number of random samples for the bootstrap interval of a median rate, and the seed of these samples.
 _RESAMPLES, _SEED = 2000, 2013
 
 #: All verdicts, from the worst to the best.
@@ -96,13 +97,13 @@ class Verdict:
     """Verdict on one series of outcomes. The fields are columns of ``points.csv``, in the order of the columns.
 
     Velocities and distances are per abs(v0) for pairs of balls. For chains they are in m/s, and the incoming balls have
-    1 m/s. A number is NaN if it cannot be found from the series.
+    1 m/s. A number is NaN if it cannot be computed from the series.
     """
 
     verdict: str = "undecided"
-    #: Why the series is neither supported nor refuted; an empty text if it is either.
+    #: Reason why the series is neither supported nor refuted. The text is empty for a supported or refuted series.
     reason: str = ""
-    #: Whether the limit is at most three times its error away from the closed form.
+    #: Whether the distance of the limit from the closed form is at most three times the error of the limit.
     consistent: bool = False
     settles: bool = True
     #: Rate r in D ~ x^-r for the contrast x, and the ends of its 95 % interval.
@@ -129,10 +130,10 @@ class ClassVerdict:
     """Verdict on a class of points. The fields are the last columns of ``verdicts.csv``, in their order."""
 
     verdict: str
-    #: Whether the class is undecided only because its points agree with the closed form within the error of the solver.
+    #: True if the class is undecided only because its points agree with the closed form within the error of the solver.
     within_error: bool
-    #: Number of points, and number of points with each verdict. Points with the verdict ``no limit`` count as
-    #: undecided.
+    #: Number of all points of the class, then the numbers of supported, refuted and undecided points. Points with the
+    #: verdict ``no limit`` count as undecided.
     points: int
     n_supported: int
     n_refuted: int
@@ -147,7 +148,7 @@ class ClassVerdict:
     #: Least and largest distance between the limit of a refuted point and the closed form.
     offset_least: float
     offset_largest: float
-    #: Contrast from which on D is at most `CLOSE`, the median over the points.
+    #: Contrast from which on D is at most `CLOSE`. It is the median of this contrast over the points of the class.
     close_from: float
     reason: str
 
@@ -164,7 +165,8 @@ class Approach(NamedTuple):
     error: Floats
     #: Final velocities by the closed form of the limiting case, shape (N,).
     closed_form: Floats
-    #: Masses of the balls as D weights them, D = sqrt(sum of weight times velocity difference squared), shape (N,).
+    #: Weights of the balls in D, shape (N,). D is sqrt(sum of weight times velocity difference squared), and the
+    #: weights are proportional to the masses.
     weights: Floats
     #: Number of decades of contrast that a verdict is based on.
     decades: float
@@ -181,11 +183,11 @@ class Series(NamedTuple):
     D: Floats
     #: Error of the solver, as a distance D.
     error: Floats
-    #: Whether D exceeds `FLOOR_ERRORS` times the error of the solver, so that it is known.
+    #: Whether D is known, which means that D exceeds `FLOOR_ERRORS` times the error of the solver.
     clear: NDArray[np.bool_]
 
     def part(self, low: float, high: float = np.inf) -> Series:
-        """Return the outcomes whose logarithm of the contrast is between `low` and `high`, both included."""
+        """Return the outcomes with a logarithm of the contrast from `low` to `high`, both included."""
         inside = (low - _SLACK <= self.x) & (self.x <= high + _SLACK)
         return Series(self.x[inside], self.w[inside], self.D[inside], self.error[inside], self.clear[inside])
 
@@ -200,10 +202,11 @@ class SeriesLimit(NamedTuple):
     #: The limit, as a vector of velocities w, shape (N,), and its error, as a distance D.
     w: Floats
     error: float
-    #: Whether the outcomes spread over the last decade about as much as over the first, and more than errors explain.
+    #: Whether the series is restless. Its outcomes then spread over the last decade about as much as over the first
+    #: decade, and more than errors explain.
     restless: bool
-    #: Whether the series settles. It does if it is not restless, or if it moves around a place far from the closed
-    #: form.
+    #: Whether the series settles. A series settles if it is not restless, or if it moves around a place far from the
+    #: closed form.
     settles: bool
 
 
@@ -227,8 +230,8 @@ def kinetic_distance(weights: ArrayLike, differences: ArrayLike) -> Floats:
 def mark_usable(outcomes: Frame, root: Floats | float) -> Frame:
     """Return a table of outcomes with two more columns, `used` and `grazing`.
 
-    An outcome grazes if it has a result and its grazing margin, multiplied by `root`, is below `GRAZING`: it lies next
-    to a jump of the model. An outcome is used if it has a result and does not graze.
+    An outcome is used if it has a result and does not graze. An outcome grazes if it has a result and lies next to a
+    jump of the model. That is so if its grazing margin, multiplied by `root`, is below `GRAZING`.
     """
     has_result = outcomes.distance.notna()
     grazing = has_result & (outcomes.grazing_margin.fillna(np.inf) * root < GRAZING)
@@ -267,18 +270,19 @@ def judge_approach(approach: Approach) -> Verdict:
 def _usable_series(approach: Approach, closed_form: Floats, scale: Floats) -> Series:
     """Return the usable outcomes as a series of vectors w, whose length is the kinetic norm.
 
-    `closed_form` is such a vector too. `scale` are the square roots of the weights.
+    `closed_form` is such a vector w too. `scale` holds the square roots of the weights of the balls in D.
     """
     w = approach.velocities[approach.used] * scale
     D = kinetic_distance(1.0, w - closed_form)
-    # The estimate of an error can vanish by chance. So the largest of it and its two neighbours is taken.
+    # The estimate of an error can vanish by chance. So each error is replaced by the largest of the error and its two
+    # neighbours.
     error = np.pad(approach.error[approach.used], 1, constant_values=-np.inf)
     error = np.maximum(np.maximum(error[:-2], error[1:-1]), error[2:])
     return Series(np.log10(approach.contrast[approach.used]), w, D, error, FLOOR_ERRORS * error < D)
 
 
 def _choose_window(series: Series, decades: float) -> Series | str:
-    """Return the window of a series, which a verdict is based on, or the reason why the series has no window."""
+    """Return the window of a series, the outcomes that a verdict is based on; or the reason why there is no window."""
     x = series.x
     span = np.ptp(x) if x.size else 0.0
     if span < decades - _SLACK:
@@ -307,7 +311,7 @@ def _find_limit(window: Series, decades: float) -> SeriesLimit:
 def _judge_unsettled(window: Series, verdict: Verdict) -> Verdict:
     """Return the verdict on a series that does not settle.
 
-    It is ``no limit``, or ``undecided`` if D still falls from each contrast to the next.
+    The verdict is ``no limit``, or ``undecided`` if D still falls from each contrast to the next.
     """
     last = window.first_and_last_decade()[1]
     reason = f"it does not settle: in the last decade D runs from {last.D.min():.3g} to {last.D.max():.3g}"
@@ -335,7 +339,7 @@ def fit_rate(window: Series) -> RateLine:
 def decide_verdict(window: Series, line: RateLine, verdict: Verdict) -> Verdict:
     """Return the verdict on a series that settles and is not refuted.
 
-    It is ``supported``, ``undecided``, or ``no limit`` if the series jumps.
+    The verdict is ``supported``, ``undecided``, or ``no limit`` if the series jumps.
     """
     jumps = _count_jumps(window, line)
     if jumps:
@@ -347,7 +351,7 @@ def decide_verdict(window: Series, line: RateLine, verdict: Verdict) -> Verdict:
     if not window.clear[-1]:
         reason = f"it is within the solver's own error ({last.error.max():.1g}) of the closed form too soon"
         return replace(verdict, reason=reason)
-    if not line.low > LEAST_RATE:  # true also for NaN, where there is no line
+    if not line.low > LEAST_RATE:  # true also for NaN, which stands for a series without a line
         reason = f"the rate {line.rate:.2g} ({line.low:.2g} to {line.high:.2g}) cannot be told from none"
         return replace(verdict, reason=reason)
     fall = np.median(first.D) / verdict.last
@@ -373,7 +377,7 @@ def _count_jumps(window: Series, line: RateLine) -> int:
 def _fit_limits(x: Floats, w: Floats) -> tuple[Floats, Floats]:
     """Fit w = L + A (contrast)^-s by least squares for each of the k exponents s in `EXPONENTS`.
 
-    Return the limits L, shape (k, N), and the root mean square residuals of the fits, shape (k,). `x` are the decimal
+    Return the limits L, shape (k, N), and the root mean square residuals of the fits, shape (k,). `x` holds the decimal
     logarithms of the contrasts.
     """
     base = 10.0 ** (-np.outer(EXPONENTS, x - x[0]))
@@ -411,11 +415,11 @@ def _extrapolate(window: Series) -> tuple[Floats, float]:
 def judge_points(outcomes: Frame, keys: Sequence[str]) -> Frame:
     """Return the verdicts on all series of outcomes, one row per series.
 
-    A series is the outcomes, of pairs or of chains, that have the same values in the columns `keys`.
+    A series consists of all outcomes, of pairs or of chains, with the same values in the columns `keys`.
 
-    The columns are the keys, the columns of `Verdict`, and three more: `close_from`, the contrast from which on D is at
-    most `CLOSE`; `grazing_left_out`, the number of outcomes next to a jump, which are not used; and `without_result`, a
-    text with the numbers of outcomes without a result.
+    The columns are the keys, the columns of `Verdict`, and three more. `close_from` is the contrast from which on D is
+    at most `CLOSE`. `grazing_left_out` is the number of outcomes next to a jump, which are not used. `without_result`
+    is a text with the numbers of outcomes without a result.
     """
     rows = []
     table = {name: outcomes[name].to_numpy() for name in outcomes}
@@ -434,7 +438,7 @@ def judge_points(outcomes: Frame, keys: Sequence[str]) -> Frame:
 
 
 def _approach_of(series: Mapping[str, np.ndarray]) -> Approach:
-    """Return the outcomes of one solver at one point, given as columns by name, as an `Approach`."""
+    """Return an `Approach` with the outcomes of one solver at one point, which are given as columns by name."""
     return Approach(
         contrast=series["contrast"],
         used=series["used"].astype(bool),
@@ -447,8 +451,12 @@ def _approach_of(series: Mapping[str, np.ndarray]) -> Approach:
 
 
 def _close_from(contrast: Floats, distances: Floats) -> float:
-    """Return the contrast from which on D is at most `CLOSE`; infinite if the last D is larger or not known."""
-    # True is put in front as a place that is not close. So if all outcomes are close, the result is the first contrast.
+    """Return the contrast from which on D is at most `CLOSE`.
+
+    It is infinite if D at the last contrast is larger, or not known.
+    """
+    # The True in front stands for an outcome that is not close. So the result is the first contrast if all outcomes are
+    # close.
     last_far_place = np.flatnonzero(np.r_[True, ~(distances <= CLOSE)])[-1]
     return [*contrast, np.inf][last_far_place]
 
@@ -466,7 +474,7 @@ def _count_missing(statuses: Sequence[str], reasons: Sequence[str]) -> str:
 def judge_classes(points: Frame, keys: Sequence[str]) -> Frame:
     """Return the verdicts on the classes of points.
 
-    For each value of `keys` there is one row for all points together, with the class ``all``, then one row per class.
+    Each value of `keys` has one row for all its points together, with the class ``all``, and then one row per class.
 
     The columns are the keys, `class`, and the fields of `ClassVerdict`.
     """
@@ -484,7 +492,7 @@ def judge_classes(points: Frame, keys: Sequence[str]) -> Frame:
 def _worst_class(classes: Sequence[ClassVerdict]) -> ClassVerdict:
     """Return the verdict on the class with the worst verdict.
 
-    If a class is supported, classes that are undecided only because of the solver's own error do not count.
+    Some classes are undecided only because of the solver's own error. They do not count if another class is supported.
     """
     is_supported = any(verdict.verdict == "supported" for verdict in classes)
     counting = [verdict for verdict in classes if not (verdict.within_error and is_supported)]
@@ -530,8 +538,8 @@ def _judge_class(points: Frame) -> ClassVerdict:
 
 
 def _bootstrap_median(rates: Floats) -> tuple[float, float]:
-    """Return the 95 % bootstrap interval of a median; NaN without rates."""
-    # There may be a single rate, which scipy.stats.bootstrap does not accept.
+    """Return the ends of the 95 % bootstrap interval of the median of rates; NaN if there are no rates."""
+    # scipy.stats.bootstrap is not used, because it does not accept a single rate.
     if not rates.size:
         return math.nan, math.nan
     draws = np.random.default_rng(_SEED).choice(rates, (_RESAMPLES, rates.size))

@@ -1,12 +1,12 @@
-"""Test for a user's own collision whether the bodies of its stiffest contact move as one, by each law.
+"""Test of a user's own collision, which shows by each law whether the bodies of its stiffest contact move as one.
 
-The contrast is the stiffness of this contact over the largest stiffness of the others. In the *welded* collision the
-two bodies of the contact are one body with the mass and the momentum of both, or part of the table
-(`chains.weld_contact`). Each law solves three things: the welded collision, the user's collision, and the user's
-collision at rising contrasts, where all other contacts stay as they are. D is the kinetic norm of the difference in
-final velocities from the welded collision, over the kinetic norm of the velocities at first touch. The outcomes at
-rising contrasts are judged by the rule of a test of the hypothesis (`judging`). The command `impact-xval hypothesis`
-calls this module.
+The contrast is the stiffness of the stiffest contact over the largest stiffness of the other contacts. In the *welded*
+collision the two bodies of the stiffest contact are one body with the mass and the momentum of both, or part of the
+table (`chains.weld_contact`). Each law solves three things: the welded collision, the user's collision, and the user's
+collision at rising contrasts. At rising contrasts only the stiffest contact changes. D measures how far the final
+velocities are from those of the welded collision. It is the kinetic norm of the difference, over the kinetic norm of
+the velocities at first touch. The outcomes at rising contrasts are judged by the rule of a test of the hypothesis
+(`judging`). The command `impact-xval hypothesis` calls this module.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ from impact_xval.model.collision import MAX_BALLS, Collision
 from impact_xval.model.outcome import Outcome
 from impact_xval.model.status import RESULT_STATUSES
 
-#: Laws that solve the collision in addition to the laws of chains, if it is one of two balls on a table.
+#: Laws that solve a collision of two balls on a table, in addition to the laws of chains.
 OF_PAIRS = (
     "liu-zhao-brogliato",
     "kelvin-voigt-anchored",
@@ -57,24 +57,26 @@ OF_PAIRS = (
     "hunt-crossley",
 )
 
-#: Laws for two balls on a table only, each with the law that replaces it in the welded collision, which has a single
-#: ball.
+#: Laws that only two balls on a table have, each with the law that replaces it in the welded collision. The replacement
+#: is needed because the welded collision has a single ball.
 _WELDED_BY = {"kelvin-voigt-anchored": "kelvin-voigt"}
 
-#: Rising contrasts begin at `_FROM`. They end at `_TO` or at a hundred times the contrast of the user's collision,
-#: whichever is larger, but at most at `_MOST`, as in a test of the hypothesis. `_PER_DECADE` is the number of contrasts
-#: in a decade, and `_DECADES` the number of decades that a verdict is based on.
+#: Contrasts of the series of collisions that a verdict is based on. They rise from `_FROM` to the larger of two
+#: numbers: `_TO`, and a hundred times the contrast of the user's collision. They never exceed `_MOST`, which is also
+#: the limit in a test of the hypothesis. `_PER_DECADE` is the number of contrasts in a decade. `_DECADES` is the number
+#: of decades that a verdict is based on.
 _FROM, _TO, _MOST = 10.0, 1e6, 1e10
 _PER_DECADE, _DECADES = 4, 3.0
 
 #: Multiples of the contrast of the user's collision at which D is shown.
 MULTIPLES = (1.0, 10.0, 100.0, 1000.0)
 
-#: Settings of all solvers. The cut-off is infinite, because beyond a finite one the model would use the limiting case
-#: that is in question. Many steps are allowed, because a stiff contact may open and close very often.
+#: Settings of all solvers. The cut-off of the stiffness ratio is infinite. Beyond a finite cut-off the model would use
+#: the closed form that the test is about. Many steps are allowed, because a stiff contact may open and close very
+#: often.
 _SETTINGS = Settings(stiffness_ratio_cutoff=math.inf, max_steps=50_000_000, mark=False)
 
-#: Key of a TOML file that shows that the file holds a collision, and not the configuration of a test of the hypothesis.
+#: Key of a TOML file. A file with this key holds a collision, and not the configuration of a test of the hypothesis.
 MARK = "masses"
 
 
@@ -99,7 +101,7 @@ class OwnCollision(Strict):
     )
 
     def collision(self) -> Collision:
-        """Return the collision; raise a ValueError that says what is illegal, if anything is."""
+        """Return the collision. If it is illegal, a ValueError says what is illegal."""
         contacts, balls = len(self.stiffnesses), len(self.masses)
         table = contacts == balls if self.table is None else self.table
         e = self.restitutions
@@ -113,7 +115,9 @@ class OwnCollision(Strict):
 
 
 def load_own_collision(path: Path) -> tuple[Collision, int | None] | None:
-    """Return the collision in a TOML file, and the index of its stiff contact, or None for the stiffest contact.
+    """Return the collision in a TOML file and the index of its stiff contact.
+
+    The index is None if the file names no stiff contact. In that case the stiffest contact is taken.
 
     The result is None if the file holds the configuration of a test of the hypothesis instead.
     """
@@ -135,8 +139,8 @@ class OneBodyVerdict(NamedTuple):
     """Result of one law on whether the bodies of the stiff contact of a collision move as one."""
 
     solver: str
-    #: Why the law has no result for the user's collision or for the welded collision, or why its outcomes at rising
-    #: contrasts allow no verdict.
+    #: Reason why there is no verdict. Either the law has no result for the user's collision or the welded collision, or
+    #: its outcomes at rising contrasts allow no verdict.
     reason: str
     #: Distance D from the welded collision, at `MULTIPLES` of the contrast of the user's collision; NaN without a
     #: result.
@@ -148,14 +152,14 @@ class OneBodyVerdict(NamedTuple):
 
     @property
     def as_one(self) -> str:
-        """Whether the two bodies move as one in the user's collision: ``yes``, ``no``, or ``-`` if it is unknown."""
+        """Whether the two bodies move as one in the user's collision: ``yes``, ``no``, or ``-`` for unknown."""
         if math.isnan(self.distances[0]):
             return "-"
         return "yes" if self.distances[0] <= CLOSE else "no"
 
     @property
     def trend(self) -> str:
-        """Say how D changes as the contrast grows."""
+        """Text that says how D, the distance from the welded collision, changes as the contrast grows."""
         match self.verdict:
             case "supported":
                 return f"D falls as contrast^-{self.rate:.2f}: one body in the limiting case"
@@ -172,7 +176,8 @@ class OwnPair(NamedTuple):
     """Results of all laws on whether the bodies of the stiff contact of a user's collision move as one."""
 
     collision: Collision
-    #: Index of the stiff contact, from 0, and the contrast: its stiffness over the largest stiffness of the others.
+    #: Index of the stiff contact, from 0; and the contrast, which is the stiffness of this contact over the largest
+    #: stiffness of the other contacts.
     contact: int
     contrast: float
     laws: list[OneBodyVerdict]
@@ -191,11 +196,11 @@ class OwnPair(NamedTuple):
 
 
 def judge_own_pair(collision: Collision, stiff: int | None = None) -> OwnPair:
-    """Return, by every law, whether the bodies of the stiff contact of a collision move as one.
+    """For each law, return whether the two bodies of the stiff contact of a collision move as one.
 
-    `stiff` is the index of the stiff contact, from 0; by default the stiffest contact is taken. A `UserError` is raised
-    if that contact is not stiffer than all others, if there is no other contact, or if the contacts are not linear ones
-    that touch.
+    `stiff` is the index of the stiff contact, from 0; by default the stiffest contact is taken. The collision needs at
+    least two contacts. All contacts have to be linear and without gaps, and the stiff contact has to be stiffer than
+    all others, by a factor of at most `_MOST`. Otherwise a `UserError` is raised.
     """
     k: Floats = np.array(collision.stiffnesses)
     contact = int(np.argmax(k)) if stiff is None else stiff
@@ -222,7 +227,7 @@ def judge_own_pair(collision: Collision, stiff: int | None = None) -> OwnPair:
 
 
 def _one_law(name: str, collision: Collision, contact: int, contrast: float) -> OneBodyVerdict:
-    """Return the verdict by one law.
+    """Return the verdict of one law on the user's collision.
 
     The law solves the welded collision, the collision at multiples of its contrast, and the collision at the rising
     contrasts on which the verdict is based.
@@ -261,7 +266,8 @@ def _judge_law(
     form: tuple[float, ...],
 ) -> Verdict:
     """Return the verdict on a law's outcomes at rising contrasts, by the rule of a test of the hypothesis."""
-    margins = np.array([outcome.grazing_margin for outcome in outcomes], float)  # NaN where there is none
+    # An outcome without a grazing margin gets NaN.
+    margins = np.array([outcome.grazing_margin for outcome in outcomes], float)
     rows = pd.DataFrame({"contrast": contrasts, "distance": distances, "grazing_margin": margins})
     rows = mark_usable(rows, np.sqrt(rows.contrast))
     return judge_approach(

@@ -35,8 +35,8 @@ TITLE = "Does an infinitely stiff pair act as one body?"
 
 MODEL, LAW_IN_TIME = "state-transition", "bistiffness"
 
-#: What makes the pair one body, as the page says it in HTML. The keys are two verdicts: on the model, and on
-#: bistiffness, which is the same impact law with positions that move.
+#: Statements in HTML about what makes the stiff pair one body. A key consists of two verdicts: the verdict on the model
+#: and the verdict on bistiffness. Bistiffness is the impact law of the model with positions that move.
 _MECHANISM = {
     ("supported", "supported"): "stiffness, whether<br>positions are frozen<br>or move",
     ("supported", "refuted"): "frozen positions:<br>if they move,<br>the pair parts again",
@@ -134,8 +134,9 @@ def _verdict_grid(
 ) -> Table:
     """Return a table with one verdict per cell.
 
-    Each line of the table is named by the columns of `rows` in the keys of `index`, whose values are the headers of
-    these names. Each further column stands for a value of the column `columns`. `cell` writes a verdict as text.
+    The first columns of the table name its lines. They are the columns of `rows` that are the keys of `index`; the
+    values of `index` are their headers. The table has one more column for each value that `rows` has in the column
+    named `columns`. `cell` returns the verdict of a row as text.
     """
     cells = rows.assign(cell=[cell(row) for row in rows.itertuples()])
     grid = cells.pivot_table("cell", [*index], columns, aggfunc="first", sort=False, observed=True)
@@ -150,14 +151,18 @@ def _format_verdict(row: FrameRow) -> str:
 
 
 def _rows_of_class_all(table: Frame) -> Frame:
-    """Return the verdicts on all points of each limiting case, without the verdicts on single classes of points."""
+    """Return the verdicts on all points of each limiting case.
+
+    The verdicts on single classes of points are not returned.
+    """
     return table[table["class"] == "all"]
 
 
 def _chains_as_one(results: HypothesisResults) -> Iterator[str]:
     """Yield a sentence that counts, for each solver, the chains in which the stiff pair moves as one body.
 
-    Only chains are counted whose stiff pair has one velocity at first. Without such chains nothing is yielded.
+    Only those chains are counted in which the two bodies of the stiff pair have the same velocity at first. If there
+    are no such chains, nothing is yielded.
     """
     places = count_chains(results)
     counts = [
@@ -170,7 +175,7 @@ def _chains_as_one(results: HypothesisResults) -> Iterator[str]:
 def _verdict_table(results: HypothesisResults) -> Table:
     """Return the table of verdicts, with one row per solver and one column per limiting case.
 
-    Below the row of bistiffness, the model's law with positions that move, a row says what makes the pair one body.
+    Bistiffness is the model's law with positions that move. The row below it says what makes the pair one body.
     """
     wholes = _rows_of_class_all(results.verdicts)
     caption = (
@@ -190,7 +195,7 @@ def _verdict_table(results: HypothesisResults) -> Table:
 
 
 def _format_cell(row: FrameRow) -> str:
-    """Return the HTML of a verdict, with the contrast from which on D is small, and the rate or the range of D."""
+    """Return the HTML of a verdict, with the contrast above which D is small, and the rate or the range of D."""
     more = "within its error" if row.within_error else ""
     if row.verdict == "supported":
         low, high = (format(end, ".2f") for end in (row.rate_low, row.rate_high))
@@ -202,7 +207,7 @@ def _format_cell(row: FrameRow) -> str:
 
 
 def _draw_distances(results: HypothesisResults, folder: Path) -> None:
-    """Draw D from the closed form over the contrast, one line per solver."""
+    """Draw the distance D from the closed form over the contrast, with one line per solver."""
     usable: Frame = results.outcomes.query("used and `class`.str.endswith('lossy')")
     with styled_figure(11.0, 4.8) as figure:
         axes = figure.subplots(2, 3)
@@ -244,7 +249,9 @@ def _details_section(results: HypothesisResults) -> Section:
 
 
 def count_chains(results: HypothesisResults) -> Iterator[tuple[str, ...]]:
-    """Yield one row of the table of chains for each solver, and for chains whose stiff pair meets at first or does not.
+    """Yield the rows of the table of chains.
+
+    Each solver has one row for chains whose stiff pair meets at first, and one row for all other chains.
 
     A row has the numbers of supported and refuted chains, the range of rates, and the range of D.
     """
@@ -291,7 +298,7 @@ def _method_section(results: HypothesisResults) -> Section:
 
 
 def format_range(values: Sequence[float], digits: str = "") -> str:
-    """Write the range of some numbers, such as ``0.1 to 2``, in two digits or in the format `digits`."""
+    """Write the range of numbers, such as ``0.1 to 2``. Ends have two digits, or the format `digits`."""
     low, high = (
         format(end, digits) if digits else compact_number(end, 2) for end in (min(values), max(values))
     )

@@ -1,13 +1,14 @@
-"""Limiting cases of the paper's supplement, the points at which a test approaches each, and the test's runs.
+"""Limiting cases of the paper's supplement, the points from which a test approaches them, and the test's runs.
 
-A point is a set of ratios and restitutions of a collision, of which one goes to its limit as the contrast x grows
-(docs/hypothesis.md). For k2/k1 the contrast is a ratio of stiffnesses. For e_i → 0 it is 1/e_i^2, because at the end of
-compression the stiffness is multiplied by this number (supplement, 3.3). So a rate in e_i is twice the rate in x.
+A point is a set of ratios and restitutions of a collision. One number of the set goes to its limit as the contrast x
+grows (docs/hypothesis.md). For k2/k1 the contrast is a ratio of stiffnesses. For e_i → 0 it is 1/e_i^2, because at the
+end of compression the stiffness is multiplied by this number (supplement, 3.3). So a rate of approach in terms of e_i
+is twice the rate in terms of x.
 
-Closed forms are the outcomes of the model at an infinite contrast (`model.pair.limits`). Tests compare them with the
-closed forms of the supplement. Velocities are per abs(v0), and masses are per m1. The points at all contrasts make up
-lists of cells, separate for exact solvers and for engines. Each list is run as a sweep, whose folder lies in the folder
-of the test. The command `impact-xval hypothesis` calls this module.
+Closed forms are the outcomes of the model at an infinite contrast (`model.pair.limits`). Tests of this project compare
+them with the closed forms of the supplement. Velocities are per abs(v0), and masses are per m1. A cell is a point at
+one contrast. Exact solvers and engines have separate lists of cells. Each list is run as a sweep, and the folder of the
+sweep lies in the folder of the test. The command `impact-xval hypothesis` calls this module.
 """
 
 from __future__ import annotations
@@ -49,27 +50,28 @@ from impact_xval.model.status import RESULT_STATUSES
 CONFIGURATION, EXACT, ENGINES, UNITED = "hypothesis.toml", "exact", "engines", "engines-united"
 _BALLS_UNITE = ("zero-early", "zero-late")
 
-#: Settings of all runs. The cut-off is infinite, because beyond a finite one the model would use the closed form
-#: tested.
+#: Settings of all runs. The cut-off of the stiffness ratio is infinite. Beyond a finite cut-off the model would use the
+#: closed form that is tested.
 _SETTINGS: dict[str, object] = {"scenario": "impact", "measures": "velocities", "m1": 1.0, "k1": 1.0}
 _SETTINGS |= {"stiffness_ratio_cutoff": math.inf, "step_fraction": 5e-3, "max_steps": 50_000_000}
 
 #: Error of an exact solver's velocities by rounding, per abs(v0).
 ROUNDING = 1e-13
 
-#: Columns that are read from the table of a run, columns that are read and kept in the outcomes, and columns with the
-#: velocities of the closed form.
+#: Columns that are read from the table of a run and replaced by others (`_READ`), columns that are read from it and
+#: kept in the table of outcomes (`_KEPT`), and columns with the velocities of the closed form (`_CLOSED`).
 _READ = ["v1", "v2", "v1_limit", "v2_limit", "limit_error", "velocity_error"]
 _KEPT = ["solver", "status", "reason", "limit_distance", "grazing_margin"]
 _CLOSED = ["closed_form_v1", "closed_form_v2"]
 
 #: Least distance of a point from the border of its regime, as a velocity per abs(v0). A regime is the set of points for
-#: which a closed form is valid, and two closed forms meet at its border. At a small distance d from the border,
-#: outcomes approach the closed form only at contrasts above 1/d. There balls also part so slowly that engines need very
-#: many steps.
+#: which one closed form is valid. At its border another closed form becomes valid. At a small distance d from the
+#: border, outcomes approach the closed form only at contrasts above 1/d. Near the border balls also part so slowly that
+#: engines need very many steps.
 MARGIN = 0.1
 
-#: Ranges from which points are drawn: k2/k1 (if e1 or e2 goes to 0), m2/m1, and restitutions below 1.
+#: Ranges from which points are drawn: of m2/m1, of restitutions below 1, and of k2/k1. The ratio k2/k1 is drawn only if
+#: e1 or e2 is the number that goes to its limit.
 _RANGES = {"stiffness_ratio": {"log": [0.03, 30.0]}, "mass_ratio": {"log": [0.2, 10.0]}}
 BOX = Sample.model_validate(_RANGES | {e: {"linear": [0.3, 0.95]} for e in ("e1", "e2")})
 
@@ -78,7 +80,7 @@ Point = namedtuple("Point", AXES)
 
 
 class LimitingCase(NamedTuple):
-    """A limiting case, or one regime of it with a closed form of its own.
+    """A limiting case, or one regime of a limiting case with its own closed form.
 
     `variable` is the contrast in symbols, `regime` the condition that points fulfil, and `axis` the ratio or
     restitution that goes to its limit.
@@ -115,11 +117,11 @@ LIMITING_CASES = (
 
 
 def distance_from_border(case: LimitingCase, point: Point) -> float:
-    """Return how far inside the regime of a limiting case a point lies, as a velocity per abs(v0).
+    """Return the distance of a point from the border of the regime of a limiting case, as a velocity per abs(v0).
 
-    The distance is negative outside of the regime, and infinite if the regime has no border. At k2/k1 → 0 the borders
-    are v11 = 0 and -e2 v21 = v11. Here v11 and v21 are the velocities of ball 1 and ball 2 after an impact of the balls
-    alone (supplement, equations 11 and 12).
+    The distance is positive inside the regime, negative outside, and infinite if the regime has no border. At k2/k1 → 0
+    the borders are v11 = 0 and -e2 v21 = v11. Here v11 and v21 are the velocities of ball 1 and ball 2 after an impact
+    of the balls alone (supplement, equations 11 and 12).
     """
     _, mu, e1, e2 = point
     v11, v21 = (e1 * mu - 1) / (1 + mu), -(1 + e1) / (1 + mu)
@@ -129,7 +131,7 @@ def distance_from_border(case: LimitingCase, point: Point) -> float:
 
 
 def pair_class(case: LimitingCase, point: Point) -> str:
-    """Name the class of a point by which of its contacts are elastic (e = 1).
+    """Return the name of the class of a point, which says which of its contacts are elastic (e = 1).
 
     In a plastic limiting case, e1 → 0 or e2 → 0, the class says whether the other contact is elastic.
     """
@@ -143,14 +145,14 @@ def draw_points(case: LimitingCase, n: int, seed: int) -> list[Point]:
     """Return n points of a limiting case from a scrambled Sobol sequence in `BOX`, rounded to six digits.
 
     Every point lies at least `MARGIN` inside the regime of the limiting case. If k2/k1 goes to its limit, half of the
-    points have e1 < 1 and e2 < 1, a sixth has only e1 = 1, a sixth only e2 = 1, and a sixth e1 = e2 = 1. If a
-    restitution goes to 0, the other restitution is 1 for a third of the points.
+    points have e1 < 1 and e2 < 1. Three groups of a sixth of the points each have only e1 = 1, only e2 = 1, and e1 = e2
+    = 1. If a restitution goes to 0, the other restitution is 1 for a third of the points.
     """
     elastic = n // 6 * [{"e1": 1.0}] + n // 6 * [{"e2": 1.0}] + n // 6 * [{"e1": 1.0, "e2": 1.0}]
     if case.plastic:
         elastic = n // 3 * [{"e2" if case.axis == "e1" else "e1": 1.0}]
     sampler = sobol_sequence(4, np.random.default_rng([seed, *case.key.encode()]))
-    unit = sampler.random(2**16)  # enough for every class of a regime
+    unit = sampler.random(2**16)  # a number of points that is enough for every class of a regime
     ratios_drawn = iter(BOX.place(np.roll(unit, 1, axis=1)))
 
     def inside(fixed: dict[str, float]) -> Point:
@@ -162,7 +164,7 @@ def draw_points(case: LimitingCase, n: int, seed: int) -> list[Point]:
 
 
 def draw_design(n: int, seed: int) -> Frame:
-    """Return the points of all limiting cases, one per row, with class and velocities of the closed form."""
+    """Return the points of all limiting cases, one per row, with their classes and the closed form's velocities."""
     tables = []
     for case in LIMITING_CASES:
         points = draw_points(case, n, seed)
@@ -192,15 +194,15 @@ class HypothesisResults(NamedTuple):
 
     @property
     def solvers(self) -> list[str]:
-        """The solvers that were tested, grouped by the law they were asked for."""
+        """The solvers that were tested. Solvers that were asked for the same law stand together."""
         return sort_by_law(name for name in self.config.solvers if name in set(self.points.solver))
 
 
 def prepare_runs(config: HypothesisConfig, root: Path) -> Iterator[tuple[str, Callable[..., SweepResult]]]:
-    """Prepare the folder of a test, and yield its runs.
+    """Prepare the folder of a test, and yield the runs of the test.
 
-    A run is a line with its name and solvers, and a function that calls `run_sweep`. A `UserError` is raised if the
-    folder holds anything other than the same test.
+    Each run is yielded as a pair: a line of text with the name and the solvers of the run, and a function that performs
+    the run by calling `run_sweep`. A `UserError` is raised if the folder holds anything other than the same test.
     """
     file, text = root / CONFIGURATION, tomli_w.dumps(config.model_dump(mode="json"))
     if not file.exists():
@@ -233,7 +235,7 @@ def _list_cells(config: HypothesisConfig, run: str) -> Frame:
     """
     contrasts = spaced_contrasts(config.contrast, config.per_decade)
     plastic_contrasts = spaced_contrasts(config.plastic_contrast, max(4, config.per_decade // 2))
-    if run != EXACT:  # steps, hence time, grow as the root of the contrast
+    if run != EXACT:  # the number of steps grows as the square root of the contrast
         contrasts, plastic_contrasts = (
             spaced_contrasts((10**0.5, 10**3.5), 2),
             spaced_contrasts((1e2, 1e5), 2),
@@ -277,7 +279,7 @@ def judge_runs(config: HypothesisConfig, root: Path) -> HypothesisResults:
 
 
 def _make_outcomes(rows: Frame) -> Frame:
-    """Return the table of outcomes, in which the outcomes that a verdict may use are marked.
+    """Return the table of outcomes, whose column `used` says which outcomes a verdict may use.
 
     The outcome of an engine is its limit at a time step of zero.
     """

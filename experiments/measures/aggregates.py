@@ -1,4 +1,4 @@
-"""The finished table of divergence, grouped by solver and by the levels of the axes.
+"""The finished table of divergence of a run, with its rows grouped by solver and by the levels of the axes.
 
 The table may be larger than the memory, so its columns are read one at a time. `summary` and the pages of a run call
 this module.
@@ -20,18 +20,19 @@ from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.frames import AxisValue, Frame
 from impact_xval.experiments.tables.parquet import read_codes, read_column, read_selected, read_where_present
 
-#: Columns of ``summary.csv``: the group of rows, the measure, and the statistics of that measure in that group.
+#: Columns of ``summary.csv``: the group of rows, the measure, and the statistics of this measure in this group.
 STATISTICS = ["solver", "cells", "axis", "value", "measure", "n", "mean", "median", "p95", "max"]
 
-#: Name of a measure: whether the state paths of solver and model are equal. It is null where the model did not follow
-#: its path to the end, because it used a closed form.
+#: Name of a measure that tells whether the state paths of solver and model are equal. It is null where the model used a
+#: closed form, because the model then does not follow its path to the end.
 FULL_PATHS = "states_equal_without_limit"
 
-#: Name of a measure: whether a solver's state path equals the path of the exact solver of the same law. It is null
-#: where the run has no such exact solver.
+#: Name of a measure that tells whether a solver's state path equals the path of the exact solver of the same law. It is
+#: null where the run has no such exact solver.
 OWN_LAW = "states_equal_own_law"
 
-#: Up to `_FEW` different scattered values are levels themselves. More values are put into `_BINS` bins.
+#: Scattered values come from a sample or a list of cells. Up to `_FEW` different values are levels themselves. More
+#: values are put into `_BINS` bins.
 _FEW = 24
 _BINS = 12
 #: Bins are evenly spaced in the logarithm if the largest value is more than this many times the smallest.
@@ -40,18 +41,18 @@ _WIDE = 20.0
 
 @dataclass(frozen=True, slots=True)
 class AxisLevels:
-    """Levels of one axis, by which rows are grouped: the values on the axis, or the middles of bins.
+    """Levels of one axis, by which rows are grouped. A level is a value on the axis, or the middle of a bin.
 
-    `edges` is None without bins. With bins it holds the lower end of every bin except the first.
+    `edges` holds the lower end of every bin except the first. It is None if there are no bins.
     """
 
     values: Sequence[AxisValue]
     edges: NDArray[np.float64] | None = None
 
     def codes(self, x: np.ndarray) -> NDArray[np.intp]:
-        """Return the position in `values` of the level of each x.
+        """Return, for each element of x, the position of its level in `values`.
 
-        Without bins the position of NaN is -1.
+        If there are no bins, the position of NaN is -1.
         """
         if self.edges is None:
             return pd.Index(self.values).get_indexer(x)
@@ -61,8 +62,8 @@ class AxisLevels:
 def axis_levels(config: Config, axis: str, x: np.ndarray) -> AxisLevels:
     """Return the levels of an axis.
 
-    They are the values of a grid, of chains or of graphs. Scattered values, from a sample or a list of cells, have
-    bins.
+    For a grid, chains or graphs, the levels are the values on the axis. If values are scattered, because they come from
+    a sample or a list of cells, the levels are the middles of bins.
     """
     if config.kind != "pair":
         return AxisLevels(sorted(set(pd.Series(x).dropna())))
@@ -70,13 +71,13 @@ def axis_levels(config: Config, axis: str, x: np.ndarray) -> AxisLevels:
     axes = {} if scattered else config.grid.axes()
     if axis in axes:
         return AxisLevels(axes[axis])
-    return levels_of(x)  # axes of a grid in SI units: their ratios are scattered too
+    return levels_of(x)  # if the axes of a grid are in SI units, their ratios are scattered too
 
 
 def levels_of(x: NDArray[np.float64]) -> AxisLevels:
-    """Return the levels of scattered values: the values themselves if there are few, else the middles of bins.
+    """Return the levels of scattered values: few values are levels themselves, more values are put into bins.
 
-    Where 0 and infinity occur, each is a separate level.
+    If 0 or infinity is among the values, it is a separate level.
     """
     unique = np.unique(x)
     if len(unique) <= _FEW:
@@ -97,7 +98,7 @@ def levels_of(x: NDArray[np.float64]) -> AxisLevels:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DivergenceTable:
-    """The table of divergence with its rows' solvers and levels in memory, and its measures still in the file.
+    """The table of divergence of a run. Solvers and levels of its rows are in memory, measures stay in the file.
 
     In memory a solver or a level is a small integer, which points into a list of names or values.
     """
@@ -108,16 +109,19 @@ class DivergenceTable:
     levels: dict[str, AxisLevels]
     #: One row per row of the table. Columns: ``solver`` and the level of every axis, as categories; ``compared``,
     #: whether both the solver and the model have a result; ``marked``, whether the row lies next to a jump of the
-    #: outcome.
+    #: outcome, where a slight change of a parameter changes the outcome by a finite amount.
     rows: Frame
 
     @property
     def regular(self) -> NDArray[np.bool_]:
-        """Mask of the rows that statistics count: both sides have a result, and no jump of the outcome is near."""
+        """Mask of the rows that statistics count.
+
+        In these rows both the solver and the model have a result, and no jump of the outcome is near.
+        """
         return (self.rows.compared & ~self.rows.marked).to_numpy()
 
     def measure(self, name: str) -> NDArray[np.float64]:
-        """Return the values of a measure, one per row of the table; NaN where a row has none.
+        """Return the values of a measure, one per row of the table; NaN where a row has no value.
 
         `name` is a column of the table, `FULL_PATHS` or `OWN_LAW`.
         """
@@ -125,7 +129,8 @@ class DivergenceTable:
             return self._own_law()
         if name != FULL_PATHS:
             return read_column(self.path, name)
-        # Where the model used a closed form, its state path stops early and cannot equal a path followed to the end.
+        # Where the model used a closed form, its state path stops early. It cannot equal a path that is followed to the
+        # end.
         followed = read_codes(self.path, "model_status", ["ok"]) == 0
         return np.where(followed, read_column(self.path, "states_equal"), np.nan)
 
@@ -147,7 +152,7 @@ class DivergenceTable:
     def frame(self, measures: Sequence[str]) -> Frame:
         """Return a table of the regular rows, with the solver, the level of every axis, and some measures.
 
-        Regular are the rows that statistics count (`regular`).
+        Regular rows are the rows that statistics count (`DivergenceTable.regular`).
         """
         regular = self.regular
         rows = self.rows.loc[regular, ["solver", *self.levels]].reset_index(drop=True)
@@ -156,7 +161,7 @@ class DivergenceTable:
 
 
 def load_divergence(folder: RunFolder, config: Config) -> DivergenceTable:
-    """Read the solver, the axes and the marks of every row of a run's table of divergence.
+    """Read a run's table of divergence: the solver of every row, its levels on the axes, and whether it is marked.
 
     The measures stay in the file. `DivergenceTable.measure` reads them when they are needed.
     """
@@ -174,13 +179,16 @@ def load_divergence(folder: RunFolder, config: Config) -> DivergenceTable:
 
 
 def statistics_of(groups: Frame) -> dict[str, Frame]:
-    """Return statistics of grouped values, each by group.
+    """Return statistics of grouped values: for each statistic its values by group.
 
-    They are the number of values, their mean, median, 95th percentile and maximum.
+    The statistics are the number of values, and their mean, median, 95th percentile and maximum.
     """
     return {"n": groups.count(), "mean": groups.mean(), **cuts(groups)}
 
 
 def cuts(values: Frame) -> dict[str, Frame]:
-    """Return the median, the 95th percentile and the maximum of values; of grouped values by group."""
+    """Return the median, the 95th percentile and the maximum of values.
+
+    For grouped values, each of the three is a series with one element per group.
+    """
     return {"median": values.median(), "p95": values.quantile(0.95), "max": values.max()}

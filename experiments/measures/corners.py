@@ -1,15 +1,16 @@
 """Corners: exact solutions of a collision for every combination of three switches (docs/ladder.md).
 
-Each switch is one difference between the model and the law that an engine was asked for:
+Each switch stands for one difference between the model and the law that an engine was asked for:
 
-* positions: off, they are frozen as in the model; on, the balls move;
-* law: off, energetic restitution as in the model; on, the law of the engine;
-* gravity: off, none; on, the gravity of the run's scenario.
+* positions: if the switch is off, positions are frozen as in the model; if it is on, the balls move;
+* law: if the switch is off, energetic restitution as in the model; if it is on, the law of the engine;
+* gravity: if the switch is off, no gravity; if it is on, the gravity of the run's scenario.
 
 The corner with all switches off is the state-transition model. The corner with all switches on is the law of the engine
-in the scenario of the run. The corner of the model is passed in. Exact solvers compute all other corners, without a
-time step, whether or not a run lists these solvers. In the scenario ``impact``, which has no gravity, the third switch
-changes nothing. Chains of N balls have no gravity either, and only two switches. `ladder` calls this module.
+in the scenario of the run. The caller of `corners` passes the corner of the model. All other corners are computed by
+exact solvers, which have no time step. A run need not list these solvers. In the scenario ``impact``, which has no
+gravity, the third switch changes nothing. Chains of N balls have no gravity either, so they have only two switches.
+`ladder` calls this module.
 """
 
 from __future__ import annotations
@@ -31,13 +32,13 @@ from impact_xval.model.outcomes import Outcomes
 
 Texts = NDArray[np.object_]
 
-#: Switches of a corner, in the order positions, law, gravity; each is 0 if it is off and 1 if it is on.
+#: Switches of a corner, in the order positions, law, gravity. A switch is 0 if it is off and 1 if it is on.
 Index = tuple[int, int, int]
-#: Index of the state-transition model: all switches are off.
+#: Index of the corner of the state-transition model, in which all switches are off.
 MODEL: Index = (0, 0, 0)
 
-#: Most steps of an exact solver of N balls, each over a part of the time between two changes of contact; a solution
-#: that needs more is given up. Ten balls take about a second for this many.
+#: Largest number of steps of an exact solver of N balls. A solution that needs more steps is given up. A step covers a
+#: part of the time between two changes of contact. With ten balls this number of steps takes about a second.
 _MAX_STEPS = 100_000
 
 
@@ -45,12 +46,14 @@ class Corners(NamedTuple):
     """Exact solutions of n cells of N balls for every combination of the switches."""
 
     #: Final velocities per abs(v0), shape (2, 2, g, n, N). The first three indices say which switches are on; g is 1
-    #: for chains, which have no gravity. Once a corner of a cell has no result, that corner and all later ones are NaN.
+    #: for chains, which have no gravity. If a corner of a cell has no result, this corner and all later corners of the
+    #: cell are NaN.
     velocities: Floats
-    #: The first corner without a result, and the status of that corner, by cell; empty where every corner has a result.
+    #: For each cell, a text with the first corner that has no result, and the status of this corner. The text is empty
+    #: where every corner has a result.
     reason: Texts
-    #: The first corner whose outcome jumps near the cell, or is decided by rounding, by cell. Shares are uncertain
-    #: there. An empty text where no corner does so.
+    #: For each cell, a text with the first corner whose outcome jumps near the cell or is decided by rounding. The
+    #: shares of causes are uncertain in such a cell. The text is empty where no corner has such an outcome.
     mark: Texts
 
     @property
@@ -65,7 +68,7 @@ class Corners(NamedTuple):
 
     @property
     def gravity(self) -> bool:
-        """Whether there is a switch for gravity."""
+        """Whether gravity is one of the switches."""
         return self.velocities.shape[2] > 1
 
 
@@ -85,10 +88,10 @@ def corners(
     Parameters
     ----------
     model : array, shape (n, N)
-        Final velocities of the model per abs(v0). No corner is computed where they are NaN.
+        Final velocities of the model per abs(v0). No corner is computed for a cell in which they are NaN.
     collisions : Collisions
     gravity : array, shape (n,)
-        Gravity in m/s^2; not used unless `pair`.
+        Gravity in m/s^2. It is used only if `pair` is true.
     obeyed : str
         Law that the engine was asked for, one of `references.LAWS`.
     pair : bool
@@ -125,7 +128,9 @@ def corners(
 def _describe_jumps(
     solve: Law, law: str, collisions: Collisions, outcomes: Outcomes, gravity: Floats, pair: bool
 ) -> Texts:
-    """Return for each collision a text that says how the outcome of a corner is uncertain; empty where it is not.
+    """Return, for each collision, a text that says why the outcome of a corner is uncertain.
+
+    The text is empty if the outcome is not uncertain.
 
     The outcome of a pair is uncertain if it jumps at a small change of a parameter. The outcome of a chain is uncertain
     if a contact grazes, or if rounding decides the outcome.

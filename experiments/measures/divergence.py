@@ -40,8 +40,8 @@ _VELOCITY = re.compile(r"v\d+[xz]?_limit|limit_error|velocity_error|regularisati
 class ImpulseCurves:
     """Impulse curves of n pairs of balls, stored one after another in one array.
 
-    An impulse curve is the path of the impulses of the pair's two contacts in their plane. A pair whose outcome holds
-    no path has no points.
+    An impulse curve is the path of the impulses of the pair's two contacts in their plane. If the outcome of a pair
+    holds no path, its curve has no points.
     """
 
     #: Places in `impulses`, shape (n + 1,). Curve i has the points from offsets[i] up to, but without, offsets[i + 1].
@@ -56,7 +56,7 @@ class ImpulseCurves:
 
     @classmethod
     def concatenate(cls, pieces: Sequence[ImpulseCurves]) -> ImpulseCurves:
-        """Return the curves of all pieces as one object, in the order of the pieces."""
+        """Return one object with the curves of several objects, in the order of these objects."""
         lengths = np.concatenate([np.diff(piece.offsets) for piece in pieces])
         return cls(np.append(0, np.cumsum(lengths)), np.concatenate([piece.impulses for piece in pieces]))
 
@@ -85,7 +85,8 @@ class SolverResults:
     n_states: NDArray[np.int64]
     n_events: NDArray[np.int64]
     margin: Floats
-    #: Diagnostics by name, each of shape (n,). Velocities are divided by the impact speed abs(v0), times are in s.
+    #: Diagnostics by name, each of shape (n,). Diagnostics that are velocities are divided by the impact speed abs(v0).
+    #: Diagnostics that are times are in s.
     diagnostics: dict[str, Floats]
     #: Impulse curves of pairs of balls. None for chains and graphs, and in a `Comparison`, which does not keep them.
     curves: ImpulseCurves | None
@@ -108,7 +109,7 @@ class SolverResults:
         return (self.has_result | unfinished) & ~np.isnan(self.velocities[:, 0])
 
     def velocities_of(self, statuses: Sequence[str] = RESULT_STATUSES) -> Floats:
-        """Return the final velocities in m/s, shape (n, N); NaN in cells whose status is not among `statuses`."""
+        """Return the final velocities in m/s, shape (n, N). They are NaN in cells whose status is not in `statuses`."""
         kept = np.isin(self.status.astype(str), statuses) & self.has_numbers
         return np.where(kept[:, None], self.velocities, np.nan)
 
@@ -150,7 +151,7 @@ class SolverResults:
 
     @classmethod
     def concatenate(cls, pieces: Sequence[SolverResults]) -> SolverResults:
-        """Return the results of all pieces as one object, in the order of the pieces."""
+        """Return one object with the results of several objects, in the order of these objects."""
         if len(pieces) == 1:
             return pieces[0]
         names = dict.fromkeys(name for piece in pieces for name in piece.diagnostics)
@@ -181,8 +182,8 @@ class Comparison:
 
     #: The results. The impulse curves are dropped, because only the measures need them.
     results: SolverResults
-    #: Why each cell is marked: which jump of the outcome, of the model or of the solver, is near, or which cut-off of
-    #: the model decides the outcome. An empty text where the cell is not marked.
+    #: For each cell, a text that says why the cell is marked. Either a jump of the model's or of the solver's outcome
+    #: is near, or a cut-off of the model decides the outcome. The text is empty where the cell is not marked.
     marked: Texts
     #: Measures by the names of their columns (`schema.MEASURES`); an empty mapping for the model itself.
     measures: ColumnArrays
@@ -193,7 +194,7 @@ class Comparison:
 
     @classmethod
     def concatenate(cls, pieces: Sequence[Comparison]) -> Comparison:
-        """Return the comparisons of all pieces as one object, in the order of the pieces."""
+        """Return one object with the comparisons of several objects, in the order of these objects."""
         if len(pieces) == 1:
             return pieces[0]
         return cls(
@@ -219,8 +220,8 @@ def results_of(
     balls, contacts : int
         Largest number of balls, and of contacts, that a cell has.
     shortest : array, shape (n,), or None
-        Shortest time in s that a state of a pair must last to be compared. None if states are not compared: then the
-        result has no curves either.
+        Shortest time in s that a state of a pair must last to be compared. It is None if states are not compared. The
+        result then has no impulse curves either.
     """
     if isinstance(outcomes, Outcomes):
         results = _results_of_arrays(outcomes, balls, contacts, with_states=shortest is not None)
@@ -237,14 +238,14 @@ def results_of(
     if paths is None:
         single = [None] * len(speed) if isinstance(outcomes, Outcomes) else [o.path for o in outcomes]
         paths = Paths.of(single, balls, contacts)
-    # Only a path tells how long each state lasts. Without a path the states are compared as the solver gives them.
+    # Only a path tells how long each state lasts. If there is no path, all states of the solver are compared.
     held = zip(comparable_states(paths, shortest), results.states, strict=True)
     compared = [text or given for text, given in held]
     return replace(results, compared=compared, curves=ImpulseCurves(paths.offsets, paths.impulses))
 
 
 def _results_of_arrays(outcomes: Outcomes, balls: int, contacts: int, *, with_states: bool) -> SolverResults:
-    """Return the results of a batch of outcomes, whose fields are arrays already."""
+    """Return the results of a batch of outcomes. The fields of the batch are arrays already."""
     n = len(outcomes)
     return SolverResults(
         velocities=_pad(outcomes.velocities, balls),
@@ -264,7 +265,7 @@ def _results_of_arrays(outcomes: Outcomes, balls: int, contacts: int, *, with_st
 
 
 def _results_of_list(outcomes: Sequence[Outcome], balls: int, contacts: int) -> SolverResults:
-    """Return the results of a list of single outcomes: each array collects one field of all outcomes."""
+    """Return the results of a list of single outcomes. Each array of the results collects one field of all outcomes."""
     names = dict.fromkeys(name for outcome in outcomes for name in outcome.diagnostics)
     return SolverResults(
         velocities=_pad([outcome.velocities for outcome in outcomes], balls),
@@ -277,7 +278,7 @@ def _results_of_list(outcomes: Sequence[Outcome], balls: int, contacts: int) -> 
         compared=[""] * len(outcomes),
         n_states=np.array([len(outcome.states) for outcome in outcomes], np.int64),
         n_events=np.array([outcome.n_events for outcome in outcomes], np.int64),
-        margin=np.array([outcome.grazing_margin for outcome in outcomes], float),  # NaN for None
+        margin=np.array([outcome.grazing_margin for outcome in outcomes], float),  # None becomes NaN
         diagnostics={
             name: np.array([outcome.diagnostics.get(name) for outcome in outcomes], float) for name in names
         },
@@ -327,7 +328,7 @@ def results_of_graphs(
 
 
 def _flattened(velocities: Sequence[Sequence[float]]) -> list[float]:
-    """Return the components of all bodies' velocities in one list, body after body."""
+    """Return one list with the components of the velocities of all bodies, body after body."""
     return [component for velocity in velocities for component in velocity]
 
 
@@ -365,7 +366,7 @@ def masses_and_starts_of_graphs(collisions: Sequence[GraphCollision], width: int
 def norms(masses: Floats, differences: Floats, starts: Floats) -> Floats:
     """Return D, the kinetic norm of velocity differences over the kinetic norm of the initial velocities, shape (n,).
 
-    The kinetic norm is the mass-weighted norm sqrt(sum m_i v_i^2). All arguments are of shape (n, N).
+    The kinetic norm is the mass-weighted norm sqrt(sum m_i v_i^2). All arguments have the shape (n, N).
     """
     with np.errstate(over="ignore", invalid="ignore"):
         return kinetic_norm(masses, differences) / kinetic_norm(masses, starts)
@@ -374,7 +375,7 @@ def norms(masses: Floats, differences: Floats, starts: Floats) -> Floats:
 def divergence(
     masses: Floats, starts: Floats, speed: Floats, model: SolverResults, other: SolverResults
 ) -> ColumnArrays:
-    """Return every measure of the divergence of a solver from the model, by the name of its column, shape (n,).
+    """Return every measure of how far a solver diverges from the model, by the name of its column, shape (n,).
 
     Differences are solver minus model. A measure is NaN or None in cells where the solver or the model has no result.
 
@@ -430,14 +431,14 @@ def divergence(
 
 
 def retained_energy(masses: Floats, starts: Floats, results: SolverResults) -> Floats:
-    """Return the ratio of the kinetic energy after the collision to the kinetic energy before it, shape (n,)."""
+    """Return the kinetic energy after the collision divided by the kinetic energy before it, shape (n,)."""
     return norms(masses, results.velocities, starts) ** 2
 
 
 def retained_momentum(masses: Floats, starts: Floats, results: SolverResults) -> Floats:
-    """Return the ratio of the total momentum after the collision to the total momentum before it, shape (n,).
+    """Return the total momentum after the collision divided by the total momentum before it, shape (n,).
 
-    The ratio is 1 without a table. It is negative where balls that fell on a table leave it upwards.
+    The ratio is 1 if there is no table. It is negative if balls fall on a table and leave the table upwards.
     """
     weights = masses / np.nanmax(masses, axis=1, keepdims=True)
     with np.errstate(all="ignore"):  # the momentum before may be 0
@@ -450,8 +451,8 @@ def retained_momentum_of_graphs(
 ) -> Floats:
     """Return the retained momentum of contact graphs, shape (n,).
 
-    It is the component of the momentum after the collision along the momentum before, divided by the momentum before.
-    It is NaN where a fixed body, such as a table, takes momentum.
+    The retained momentum is the component of the final momentum along the initial momentum, divided by the initial
+    momentum. It is NaN where a fixed body, such as a table, takes momentum.
     """
     axes = len(collisions[0].velocities[0]) if len(collisions) else 1
     weights = masses / np.nanmax(masses, axis=1, keepdims=True)
@@ -469,9 +470,9 @@ def retained_momentum_of_graphs(
 def asymmetry(parameters: ColumnArrays, results: SolverResults) -> Floats:
     """Return how far the final velocities in contact graphs are from mirror symmetry, shape (n,).
 
-    In a symmetric scene every body has a mirror image, another body or itself. The result is the largest difference
-    between a body's velocity and the mirrored velocity of the body's mirror image, per abs(v0). It is NaN where the
-    scene is not symmetric.
+    In a symmetric scene every body has a mirror image, which is another body or the body itself. The result is the
+    largest difference between a body's velocity and the mirrored velocity of the body's mirror image, per abs(v0). It
+    is NaN where the scene is not symmetric.
 
     Parameters
     ----------
@@ -491,7 +492,7 @@ def asymmetry(parameters: ColumnArrays, results: SolverResults) -> Floats:
 
 
 def distance_from_mirror_image(velocities: Floats, mirror: Mirror) -> float:
-    """Return the largest difference between a velocity and the mirrored velocity of the body's mirror image.
+    """Return the largest difference between the velocity of a body and the mirrored velocity of its mirror image.
 
     Velocities in m/s are of shape (N, 2).
     """
@@ -501,7 +502,7 @@ def distance_from_mirror_image(velocities: Floats, mirror: Mirror) -> float:
 
 
 def first_difference(a: Sequence[str], b: Sequence[str]) -> int | None:
-    """Return the position of the first state in which two sequences differ, counted from 1; None if they are equal."""
+    """Return the position, from 1, of the first state in which two sequences differ; None if they are equal."""
     pairs = enumerate(zip_longest(a, b), start=1)
     return next((position for position, (x, y) in pairs if x != y), None)
 
@@ -519,8 +520,8 @@ def edit_distance(a: Sequence[str], b: Sequence[str]) -> int:
 def measures_of(collision: Collision, outcomes: Mapping[str, Outcome]) -> dict[str, dict[str, float]]:
     """Return the measures of one collision's outcomes, by solver and by the name of the measure.
 
-    Diagnostics that are velocities are among the measures, divided by abs(v0). A measure is NaN where a result is
-    missing that it needs.
+    The diagnostics that are velocities are among the measures. They are divided by abs(v0). A measure is NaN if a
+    result that it needs is missing.
     """
     balls, contacts = len(collision.masses), len(collision.stiffnesses)
     masses, starts = masses_and_starts([collision], balls)

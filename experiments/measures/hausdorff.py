@@ -1,16 +1,17 @@
 """Hausdorff distance of two polylines in the plane.
 
-The directed distance from A to B is the largest distance of any point of A from B, where points inside the segments of
-A count too. The symmetric distance is the larger of the distances from A to B and from B to A. `divergence` calls this
-module to compare impulse curves.
+The directed distance from A to B is the largest distance that a point of A has from B. The points of A are its vertices
+and all points inside its segments. The symmetric distance is the larger of the distances from A to B and from B to A.
+`divergence` calls this module to compare impulse curves.
 
 Two facts keep the computation fast on curves of 1e5 points:
 
-* The sum s = x + y differs between two points by at most sqrt(2) times their distance. So only the part of B with s
-  within sqrt(2) d of a point can be nearer to the point than d. Along an impulse curve both impulses grow, and that
-  part is short. The search is also right where a curve turns back.
+* The sum s = x + y differs between two points by at most sqrt(2) times their distance. So only some points of B can be
+  nearer to a given point than d: their s differs from the s of the given point by at most sqrt(2) d. Along an impulse
+  curve both impulses grow, so that these points make up a short part of B. The search is also right where a curve turns
+  back.
 * The distance from one segment is a convex function. So if both ends of a segment of A lie within d of the same segment
-  of B, the whole segment of A does. Segments of A for which this is not known are halved, until it is known or they are
+  of B, the whole segment of A lies within d of it. Other segments of A are halved, until each half lies within d or is
   shorter than the tolerance.
 """
 
@@ -35,8 +36,8 @@ def distances(a, b, offsets_a, offsets_b):
     """Return the symmetric Hausdorff distances of n pairs of polylines, shape (n,).
 
     The vertices of all polylines follow one another in `a` and in `b`, of shape (number of vertices, 2). Polyline i has
-    the vertices from offsets[i] up to, but without, offsets[i + 1]. A distance is NaN where a polyline has no vertex,
-    or a coordinate that is larger than `LARGEST`.
+    the vertices from offsets[i] up to, but without, offsets[i + 1]. A distance is NaN if one of its polylines has no
+    vertex, or has a coordinate larger than `LARGEST`.
     """
     found = np.empty(len(offsets_a) - 1)
     for i in range(len(found)):
@@ -49,7 +50,7 @@ def distances(a, b, offsets_a, offsets_b):
 
 @strict_float_helper
 def _legal(one):
-    """Return whether a polyline has at least one vertex, and no coordinate larger than `LARGEST`."""
+    """Return whether a polyline has at least one vertex, and all its coordinates are at most `LARGEST`."""
     for i in range(len(one)):
         if not (abs(one[i, 0]) <= LARGEST and abs(one[i, 1]) <= LARGEST):
             return False
@@ -73,12 +74,12 @@ def _to_segment(x, y, b, j):
 def _nearest(x, y, b, lowest, highest, enough):
     """Return the distance of the point (x, y) from a segment of the polyline b, and the index of that segment.
 
-    The segment is the nearest one, or any segment within the distance `enough` of the point. With s = x + y,
-    `lowest[j]` is the least s on segment j and all later segments, and `highest[j]` the greatest s on segment j and all
-    earlier ones.
+    The segment is either the nearest segment of b, or any segment of b within the distance `enough` of the point. With
+    s = x + y, `lowest[j]` is the least s on segment j and all later segments, and `highest[j]` the greatest s on
+    segment j and all earlier ones.
     """
     n, s, root2 = len(highest), x + y, math.sqrt(2.0)
-    # Begin with the segment of b that has the s of the point. Along an impulse curve it is near the point.
+    # Begin with the segment of b that has the s of the point. On an impulse curve this segment is near the point.
     where, last = 0, n - 1
     while where < last:
         middle = (where + last) // 2
@@ -118,9 +119,10 @@ def _directed(a, b):
         highest[j] = max(highest[j], highest[j - 1])
         lowest[n - 1 - j] = min(lowest[n - 1 - j], lowest[n - j])
 
-    # The vertices of a are searched from coarse to fine: every 1024th, say, then those halfway between, and so on. The
-    # largest distance is nearly known after a few searches, and the search of any vertex that is no farther ends at
-    # once. If the vertices were searched in sequence, each new largest distance would cost a full search.
+    # The vertices of a are searched from coarse to fine: for example every 1024th vertex, then the vertices halfway
+    # between them, and so on. After a few searches the largest distance is nearly known. The search from a vertex that
+    # is not farther away then ends at once. If the vertices were searched in sequence, each new largest distance would
+    # cost a full search.
     near, worst = np.empty(len(a), dtype=np.int64), 0.0
     stride = 1
     while stride < len(a):
@@ -141,9 +143,9 @@ def _directed(a, b):
 
 @strict_float_helper
 def _within(one, two, b, lowest, highest, worst):
-    """Return the largest distance of the points of a piece of a from the polyline b, or `worst` if that is larger.
+    """Return the largest distance of the points on a piece of a from the polyline b, or `worst` if `worst` is larger.
 
-    `one` and `two` are the ends of the piece: x, y, and the index of a segment of b near that end.
+    `one` and `two` are the two ends of the piece. Each has x, y, and the index of a segment of b near this end.
     """
     (x1, y1, near1), (x2, y2, near2) = one, two
     # The distance from a segment of b is convex: no point of the piece is farther from it than the farther end.

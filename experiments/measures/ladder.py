@@ -2,15 +2,17 @@
 
 Three contributions are called causes: frozen positions, the dissipation law, and gravity. They lead from the model to
 the exact solution of the law that the engine was asked for. Each cause is a switch, and the exact solutions for all
-combinations of the switches (`corners`) are known without an engine. The contribution of a cause is the mean, over the
-six orders in which three switches can be turned on, of what its switch changes (the Shapley value). Chains of N balls
-have no gravity, hence two causes and two orders. The other contributions lead from the exact solution of the law to
-the engine, and they have one order. All contributions of a cell sum to engine minus model, up to rounding.
+combinations of the switches (`corners`) are known without an engine. Three switches can be turned on in six orders. The
+contribution of a cause is the change that its switch makes, as a mean over the six orders (the Shapley value). Chains
+of N balls have no gravity. They have two causes and two orders. The other contributions are effects of the engine. They
+lead from the exact solution of the law to the engine, and have one order. All contributions of a cell sum to engine
+minus model, up to rounding.
 
-The norms of contributions do not add up, but the components of contributions along the whole difference do. They sum
-to D, the kinetic norm of that difference. The share of a contribution is its component divided by D. Over many cells
-the share is the sum of the components divided by the sum of D. The range of a share is the range of this quotient over
-the orders of the causes.
+The norms of the contributions do not sum to the norm of the whole difference. But the components of the contributions
+along the whole difference do: they sum to D, the kinetic norm of the whole difference. The share of a contribution is
+its component divided by D. For many cells the share is the sum of the components divided by the sum of D. A share
+depends on the order in which the causes are taken. The range of a share goes from its least to its largest value over
+all orders of the causes.
 
 The worker processes of a sweep call `ladders` for every chunk of cells.
 """
@@ -34,54 +36,56 @@ from impact_xval.experiments.measures.divergence import Comparison
 from impact_xval.model.arrays import Floats
 from impact_xval.model.status import RESULT_STATUSES
 
-#: Least D, the divergence of an engine from the model, that is split into contributions. The exact solvers are accurate
-#: to about this number, so that a smaller D is not known.
+#: Least divergence D of an engine from the model that is split into contributions. The exact solvers are accurate to
+#: about this number, so that a smaller D is not known.
 NOTHING = 1e-9
 
-#: Two contributions cancel where the least share is below the first number and the largest share above the second. The
-#: norms of both are then larger than D, and one norm is more than twice as large as D.
+#: Two contributions cancel if the smallest share of all is below the first number and the largest share is above the
+#: second number. The norms of both contributions are then larger than D, and one norm is more than twice as large as D.
 CANCEL = (-1.0, 2.0)
 
-#: Status of an engine whose result still changes with the time step. Such a result is split into contributions too, but
-#: no statistic counts it.
+#: Status of an engine whose result still changes with the time step. The divergence of such a result is split into
+#: contributions too, but no statistic counts it.
 UNCONVERGED = "unconverged"
 
-#: Reason in the table ``ladder`` why the effects of the engine's mapping and of its time step are one contribution: the
-#: limit of the engine at a time step of zero, which would separate them, is not known.
+#: Reason in the table ``ladder`` why one contribution holds both the effect of the engine's mapping and the effect of
+#: its time step. Only the limit of the engine at a time step of zero can separate the two effects, and here this limit
+#: is not known.
 NO_LIMIT = "no certified limit dt -> 0 for this cell"
 
-#: A sentence states the range of a share over the orders of the causes if the range is at least this wide.
+#: Least width of the range of a share for which a sentence states this range. The range goes over all orders in which
+#: the causes can be taken.
 _WIDE = 0.005
 
-#: A sentence names a second contribution if the share of that contribution is at least this large, positive or
-#: negative.
+#: Least absolute value of the share of a second contribution for which a sentence names this contribution.
 _MENTIONED = 0.02
 
-#: None as an array, for elements without a text: `numpy.where` then returns an array of objects.
+#: None as an array. `numpy.where` takes it for elements without a text, and then returns an array of objects.
 _NONE = np.array(None, dtype=object)
 
 
 @dataclass(frozen=True, slots=True)
 class Contribution:
-    """Description of one contribution to the divergence of an engine from the model.
+    """Description of one contribution to an engine's divergence from the model.
 
     The contribution is a cause, such as gravity, or an effect of the engine, such as its time step.
     """
 
     name: str
     label: str
-    #: Words for a sentence about an engine, after "comes from".
+    #: Words that follow "comes from" in a sentence about an engine.
     phrase: str
     #: Colour in figures, from Paul Tol's muted palette. No solver has one of these colours.
     color: str
-    #: For a cause, what its switch means when it is off and when it is on. For an effect of the engine, the two
-    #: outcomes that are subtracted: the contribution is `after` minus `before`.
+    #: For a cause, `before` says what the switch means when it is off, and `after` what it means when it is on. For an
+    #: effect of the engine, `before` and `after` name two outcomes. The contribution is their difference, `after` minus
+    #: `before`.
     before: str
     after: str
-    #: Whether the contribution is a cause: it is computed from exact solutions, without an engine, as a mean over the
-    #: orders of the causes.
+    #: Whether the contribution is a cause. A cause is computed from exact solutions, without an engine, as a mean over
+    #: all orders in which the causes can be taken.
     is_cause: bool = False
-    #: Whether the contribution exists only where a scenario may have gravity.
+    #: Whether the contribution exists only in runs whose scenario may have gravity.
     needs_gravity: bool = False
 
 
@@ -89,8 +93,8 @@ _ENGINE_LAW = "the exact solution of the engine's own contact law, in the scenar
 _LIMIT = "the engine, extrapolated to a time step of zero"
 _RUN = "the engine at the time step of the run"
 
-#: All contributions in their order, the causes first and in the order of the switches of `corners`. A cell has either
-#: the last contribution or the two before it.
+#: All contributions in their order. The causes come first, in the order of the switches of `corners`. A cell has either
+#: the last contribution or the two contributions before the last.
 CONTRIBUTIONS = (
     Contribution(
         name="frozen_positions",
@@ -151,20 +155,21 @@ CAUSES = tuple(contribution for contribution in CONTRIBUTIONS if contribution.is
 
 
 def contributions_of(*, gravity: bool) -> tuple[Contribution, ...]:
-    """Return the contributions that a cell may have, in their order.
+    """Return the contributions that a cell may have, in the order of `CONTRIBUTIONS`.
 
-    The contribution of gravity is among them if `gravity` is true.
+    The contribution of gravity is among them only if `gravity` is true.
     """
     return tuple(c for c in CONTRIBUTIONS if gravity or not c.needs_gravity)
 
 
 def changes_by_order(corners: Floats) -> Floats:
-    """Return what each switch changes, for each of the six orders in which the three switches can be turned on.
+    """Return the change that each switch makes, for each of the six orders in which three switches can be turned on.
 
     `corners` are the solutions for all combinations of the switches, of shape (2, 2, g, ...). The first three indices
-    are 0 or 1, for each switch off or on. The result is of shape (6, g + 1, ...), by order and by switch. With gravity
-    g is 2. Without gravity g is 1, and the result holds each of the two possible orders three times. The changes of one
-    order sum to the solution with all switches on minus the solution with all switches off.
+    are 0 or 1, for each switch off or on. The result is of shape (6, g + 1, ...): one row for each order and one column
+    for each switch. With gravity g is 2. Without gravity g is 1, and there are only two orders, each of which the
+    result holds three times. The changes of one order sum to the solution with all switches on minus the solution with
+    all switches off.
     """
     changes: list[list[Floats]] = []
     for order in permutations(range(3)):
@@ -182,7 +187,7 @@ def changes_by_order(corners: Floats) -> Floats:
 def cancelling_pair(shares: Sequence[float]) -> tuple[int, int] | None:
     """Return the indices of two shares of opposite sign that nearly cancel, the larger share first.
 
-    The result is None if no two shares are as large as `CANCEL` states.
+    The result is None if no two shares fulfil the condition of `CANCEL`.
     """
     numbers = np.nan_to_num(np.asarray(shares, dtype=float))
     high, low = int(numbers.argmax()), int(numbers.argmin())
@@ -197,23 +202,24 @@ class Split(NamedTuple):
     """
 
     contributions: tuple[Contribution, ...]
-    #: Final velocities of the engine minus those of the model, shape (n, N). D is the kinetic norm of it, shape (n,).
+    #: Difference of final velocities, engine minus model, shape (n, N). D is the kinetic norm of this difference, shape
+    #: (n,).
     total: Floats
     divergence: Floats
     #: Contributions, shape (m, n, N), and their kinetic norms, shape (m, n). Both are NaN for a contribution that a
     #: cell does not have.
     vectors: Floats
     norms: Floats
-    #: Components of the contributions along `total`, shape (m, n), and the same components for each order of the
+    #: Components of the contributions along `total`, shape (m, n); and these components for each single order of the
     #: causes, shape (6, m, n). Both are NaN where D is 0.
     along: Floats
     orders: Floats
-    #: `along` divided by D, and the least and the largest over the orders of `orders` divided by D, shape (m, n). They
-    #: are NaN where D is below `NOTHING`.
+    #: Shares, which are `along` divided by D, shape (m, n), and the least and the largest share over all orders of the
+    #: causes, each of shape (m, n). All three are NaN where D is below `NOTHING`.
     shares: Floats
     ranges: tuple[Floats, Floats]
-    #: Component along `total` of each exact solution minus the model, shape (2, 2, g, n). The first three indices say
-    #: which switches are on.
+    #: For each exact solution, the component along `total` of its difference from the model, shape (2, 2, g, n). The
+    #: first three indices say which switches are on.
     corners: Floats
 
     def dominant(self) -> NDArray[np.intp]:
@@ -288,8 +294,8 @@ def ladders(
 ) -> dict[str, ColumnArrays]:
     """Split the divergence of every engine in a block of n cells into contributions.
 
-    Return the columns of the table ``ladder``, each of shape (n,), by engine and by name of the column. A column holds
-    NaN or None in cells whose divergence cannot be split, because a solution is missing.
+    Return the columns of the table ``ladder``, by engine and by name of the column, each of shape (n,). If a solution
+    is missing in a cell, the divergence cannot be split there, and the columns hold NaN or None.
     """
     columns: dict[str, ColumnArrays] = {name: {} for name in engines}
     if not engines:
@@ -309,7 +315,7 @@ def ladders(
         for name, engine in engines.items():
             of_law = corners_of_law[laws[name]]
             velocities = engine.results.velocities_of((*RESULT_STATUSES, UNCONVERGED))[places, :balls] / speed
-            limit = engine.results.limits()[places, :balls]  # none where the engine did not converge
+            limit = engine.results.limits()[places, :balls]  # no value where the engine did not converge
             ladder = split(collisions.masses / moving, of_law, limit, velocities)
             always = _status_columns(name, model, engine, places, of_law, ladder)
             ok = ~np.isnan(ladder.divergence) & np.isin(always["status"].tolist(), ("ok", UNCONVERGED))
@@ -319,9 +325,9 @@ def ladders(
 
 
 def _put_into_column(columns: ColumnArrays, key: str, values: np.ndarray, places: np.ndarray, n: int) -> None:
-    """Put values at some places of the column `key`, which is made first if it does not exist.
+    """Put values into a column at the given places; the column `key` is made first if it does not exist.
 
-    A new column is of length n and holds NaN or None at all other places.
+    A new column has length n. It holds NaN or None at all other places.
     """
     nothing = np.nan if values.dtype.kind == "f" else None
     columns.setdefault(key, np.full(n, nothing, values.dtype))[places] = values
@@ -337,8 +343,8 @@ def _status_columns(
 ) -> ColumnArrays:
     """Return the columns that every row has, even if its divergence cannot be split.
 
-    The columns are the status, and the reason that names the first missing outcome; the jump that marks the row; the
-    grazing margin of the model; and the error of the engine's limit.
+    The columns are the status; the reason, which names the first missing outcome; the text that says which jump is near
+    and marks the row; the grazing margin of the model; and the error of the engine's limit.
     """
     status, reason = engine.results.status[places], engine.results.reason[places]
     of_model = model.results.status[places]
@@ -346,7 +352,8 @@ def _status_columns(
         [f"{name}: {text or word}" for text, word in zip(reason, status, strict=True)], dtype=object
     )
     of_corner = np.array([text.rpartition(" ")[2] for text in corners.reason], dtype=object)
-    # If several outcomes are missing, the reason names the first: of the engine, of the model, of an exact solution.
+    # If several outcomes are missing, the reason names the first missing outcome in this order: engine, model, exact
+    # solutions.
     missing = [
         ~np.isin(status.tolist(), RESULT_STATUSES),
         ~np.isin(of_model.tolist(), RESULT_STATUSES),
@@ -367,7 +374,7 @@ def _status_columns(
 def _split_columns(name: str, corners: Corners, ladder: Split, ok: NDArray[np.bool_]) -> ColumnArrays:
     """Return the columns with the numbers of a split divergence, its largest contribution, and its sentence.
 
-    The columns hold NaN or None in rows that are not `ok`.
+    The columns hold NaN or None in rows whose status is not `ok`.
     """
     low, high = ladder.ranges
     numbers = {"velocity_divergence": ladder.divergence} | _by_ball("dv", ladder.total)
@@ -419,8 +426,9 @@ def _by_ball(name: str, velocities: Floats) -> ColumnArrays:
 class SentencePart(NamedTuple):
     """Words and numbers of one contribution for the sentence about a cell.
 
-    `low` and `high` are the least and the largest share over the orders of the causes. `norm` is the kinetic norm of
-    the contribution.
+    The contribution is a part of an engine's divergence D from the model, and `share` is its component along the whole
+    difference divided by D. The share of a cause depends on the order in which the causes are taken. `low` and `high`
+    are the least and the largest share over all orders. `norm` is the kinetic norm of the contribution.
     """
 
     phrase: str
@@ -431,7 +439,10 @@ class SentencePart(NamedTuple):
 
     @property
     def percent(self) -> str:
-        """Text of the share, followed by its range over the orders of the causes if the range is wide."""
+        """Text of the share, followed by the range of the share if the range is wide.
+
+        The range goes over all orders in which the causes can be taken.
+        """
         text = f"{100 * self.share:.3g} %"
         return (
             f"{text} ({format_share_range(self.low, self.high)})" if self.high - self.low >= _WIDE else text
@@ -446,7 +457,7 @@ def format_share_range(low: float, high: float) -> str:
 def sentence(solver: str, divergence: float, parts: Sequence[SentencePart], agreed: bool = True) -> str:
     """Return the sentences that name the largest contributions to a divergence.
 
-    `agreed` says that the same contribution is the largest for every order of the causes.
+    `agreed` is true if the same contribution is the largest in every order of the causes.
     """
     if divergence < NOTHING:
         return f"{solver} ends where the model does (D = {divergence:.1g}), so there is no difference to explain."

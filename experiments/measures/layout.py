@@ -1,6 +1,7 @@
-"""The columns of an experiment's tables, and of its parts.
+"""The columns of an experiment's tables, and of the files from which the tables are put together.
 
-A part is a file with the rows of one chunk of cells. The finished tables are put together from the parts.
+Such a file is called a part. It holds the rows of one chunk of cells. The finished tables are put together from all
+parts.
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ from impact_xval.experiments.measures.ladder import Contribution, contributions_
 from impact_xval.experiments.tables import schema
 from impact_xval.experiments.tables.schema import Column, Columns, Counts, Layout, TableSpec
 
-#: Prefix of the names that the columns of the table ``ladder`` have in the parts, which hold the rows of all tables.
+#: Prefix of the columns of the table ``ladder`` in the parts. A part is a file that holds rows of all tables, so that
+#: columns of different tables need different names.
 LADDER_PREFIX = "ladder_"
 
 _PARAMETERS: Mapping[CellKind, Columns] = {
@@ -28,7 +30,7 @@ _PARAMETERS: Mapping[CellKind, Columns] = {
 
 
 def layout_of(config: Config) -> Layout:
-    """Return the columns of the parts and of every table of an experiment."""
+    """Return the columns of every table of an experiment, and of the part files from which the tables are made."""
     kind, counts = config.kind, _largest_counts(config)
     pair = kind == "pair"
     parameters = _PARAMETERS[kind]
@@ -67,7 +69,8 @@ def layout_of(config: Config) -> Layout:
 def _largest_counts(config: Config) -> Counts:
     """Return the largest number of balls, and of contacts, that a cell of an experiment has.
 
-    For contact graphs the number of contacts is 0: their outcomes have no impulses, so that contacts need no columns.
+    For contact graphs the number of contacts is 0. Contacts need no columns there, because outcomes of graphs have no
+    impulses.
     """
     if config.graph is not None:
         return Counts(config.graph.most_bodies(), 0, ("x", "z"))
@@ -81,7 +84,8 @@ def _largest_counts(config: Config) -> Counts:
 def engines_with_ladders(config: Config) -> list[str]:
     """Return the engines of an experiment whose divergence is split into contributions (docs/ladder.md).
 
-    These are the engines that were asked for a law which an exact solver solves too. Contact graphs have no ladders.
+    An engine is returned if an exact solver solves the law that the engine was asked for. No engine is returned for
+    contact graphs, or if the experiment does not compute all measures.
     """
     engines = [name for name in config.solvers if is_engine(name) and law_name_of(name) is not None]
     return engines if config.measures == "all" and config.kind != "graph" else []
@@ -90,7 +94,7 @@ def engines_with_ladders(config: Config) -> list[str]:
 def ladder_columns(*, gravity: bool) -> Columns:
     """Return the columns of the table ``ladder`` that follow the parameters of a cell.
 
-    Without `gravity` there are two causes instead of three, and two orders of the causes instead of six.
+    Without `gravity` there are two causes instead of three. These can be taken in two orders instead of six.
     """
     orders = "six" if gravity else "two"
     columns = [
@@ -143,7 +147,7 @@ def ladder_columns(*, gravity: bool) -> Columns:
 def _contribution_columns(contribution: Contribution, orders: str) -> Iterator[Column]:
     """Yield the columns of one contribution to a divergence.
 
-    `orders` is the number of orders in which the causes can be taken, as a word.
+    `orders` is a word such as "six": the number of orders in which the causes can be taken.
     """
     name, before, after = contribution.name, contribution.before, contribution.after
     if contribution.is_cause:
@@ -170,7 +174,7 @@ def _contribution_columns(contribution: Contribution, orders: str) -> Iterator[C
 def _corner_columns(name: str) -> Iterator[Column]:
     """Yield the columns of one corner.
 
-    A corner is the exact solution with one combination of the causes' switches on (`corners`).
+    Each cause is a switch. A corner is the exact solution for one combination of the switches (`corners`).
     """
     corner = name.replace("_", ", ")
     yield Column(

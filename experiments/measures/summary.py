@@ -1,12 +1,13 @@
 """Statistics of a finished run, computed from its tables.
 
-They are statistics of the divergence by solver and by axis, the worst cells, the agreement of state paths, the
-convergence of engines, and statistics of the contributions to the divergence. The pages of a run and ``summary.csv``
-show them.
+They are statistics of the divergence by solver and by axis, the cells with the largest divergence, the agreement of
+state paths, the convergence of engines, and statistics of the contributions to the divergence. The pages of a run and
+``summary.csv`` show these statistics.
 
-A row is marked where it lies next to a jump of the outcome, of the model or of the exact law of the row's solver. There
-an arbitrarily small difference may end in another outcome, so that marked rows say little about physics. All statistics
-keep them apart from the other rows, which are called regular.
+A row is marked if it lies next to a jump of the outcome. The outcome may be the model's, or that of the exact law of
+the row's solver. Next to a jump an arbitrarily small difference of parameters may lead to another outcome, so that
+marked rows say little about physics. All other rows are called regular. All statistics keep marked and regular rows
+apart.
 """
 
 from __future__ import annotations
@@ -56,21 +57,21 @@ from impact_xval.experiments.tables.parquet import (
 from impact_xval.model.arrays import Floats
 from impact_xval.model.status import RESULT_STATUSES
 
-#: Measures whose absolute values are summarised: for runs of two balls, of chains of N balls, and of contact graphs.
+#: Measures whose absolute values are summarised, for each kind of run: two balls, chains of N balls, contact graphs.
 SUMMARISED = ("velocity_divergence", "dv1", "dv2", "dimpulse1", "dimpulse2")
 SUMMARISED += ("dretained_energy", "impulse_curve_distance", "states_edit_distance")
 SUMMARISED_OF_CHAINS = ("velocity_divergence", "largest_dv", "dretained_energy", "limit_distance")
 
 SUMMARISED_OF_GRAPHS = (*SUMMARISED_OF_CHAINS, "asymmetry")
 
-#: Measures that are true or false for a row. Their mean is the share of rows for which they are true.
+#: Measures that are true or false in each row. The mean of such a measure is the share of rows in which it is true.
 _SHARES = ("states_equal", FULL_PATHS, OWN_LAW)
 
-#: An engine's estimate of its error is called honest where the true error is at most this many times the estimate.
+#: Largest ratio of an engine's true error to its estimated error for which the estimate is called honest.
 HONEST = 3.0
 
-#: Name of the axis whose values are three regions of k2/k1, and the regions by their lower edge: the table contact is
-#: much softer than the contact of the balls, of similar stiffness, or much stiffer.
+#: Name of an axis whose values are three regions of k2/k1; and the three regions, by the lower edge of each. In the
+#: regions the table contact is much softer than the contact of the balls, of similar stiffness, or much stiffer.
 BAND = "stiffness_band"
 BANDS = {0.0: "k2/k1 < 0.1", 0.1: "0.1 <= k2/k1 <= 10", 10.0: "k2/k1 > 10"}
 
@@ -91,7 +92,7 @@ class Summary:
         #: The solvers that were compared with the model, grouped by the law that they were asked for.
         self.solvers = sort_by_law(name for name in config.solvers if name != REFERENCE)
         table = load_divergence(folder, config)
-        #: Levels of every axis, by which the statistics are grouped; and, in `axes`, the values of the levels, only for
+        #: Levels of every axis, by which the statistics are grouped. `axes` has the values of the levels, but only for
         #: axes that have several levels.
         self.levels = table.levels
         self.axes = {axis: each.values for axis, each in self.levels.items() if len(each.values) > 1}
@@ -102,26 +103,27 @@ class Summary:
         values = rows.value.where(rows.axis != "all", "")
         keys = zip(rows.solver, rows.measure, rows.axis, rows.cells, values, strict=True)
         self._places = {key: place for place, key in enumerate(keys)}
-        #: The regular cells in which each solver has its largest divergence D from the model, as rows of the table of
-        #: divergence.
+        #: For each solver, the regular cells in which it has its largest divergence D from the model. They are rows of
+        #: the table of divergence.
         self.worst = _worst_rows(table, 5 if pair else 3)
         counts = pd.DataFrame.from_dict(statuses_of(outcomes), orient="index").fillna(0).astype(int)
         names = sorted(counts.columns, key=lambda name: ([name != each for each in RESULT_STATUSES], name))
-        #: Number of cells by solver (index) and status (columns); statuses that mean a result come first.
+        #: Number of cells by solver (index) and status (columns). Statuses of cells with a result come first.
         self.statuses = counts.reindex(index=sort_by_law(config.solvers), columns=names, fill_value=0)
-        #: Reasons why cells have no result, and the number of these cells, the most frequent first. Columns: ``solver,
-        #: status, reason, n``.
+        #: Reasons why cells have no result, and the number of cells with each reason. The most frequent reason comes
+        #: first. Columns: ``solver, status, reason, n``.
         self.reasons: Frame = pd.DataFrame(
             count_reasons(outcomes), columns=["solver", "status", "reason", "n"]
         )
         self.between = pairwise_divergence(cells, config) if pair else pd.DataFrame()
         self.estimates = limit_estimates(cells, config.solvers, config.mapping, marked=pair)
         self.ladder = summarise_ladder(folder, config)
-        # The rows of a cell are in the order of the solvers, the model first. If the model is marked, all are.
+        # The rows of a cell are in the order of the solvers, the model first. If the row of the model is marked, all
+        # rows of the cell are marked.
         marked = read_where_present(cells, "marked").reshape(-1, len(config.solvers))
         result = (read_codes(cells, "status", RESULT_STATUSES) >= 0).reshape(marked.shape)
         beyond = (marked & result & ~marked[:, :1]).sum(axis=0).tolist()
-        #: Number of cells, and number of cells in which the model is marked.
+        #: Number of all cells, and number of cells in which the model's row is marked.
         self.n_cells, self.n_marked = len(marked), int(marked[:, 0].sum())
         #: For contact graphs, by solver and including the model: the largest asymmetry of a result in a symmetric
         #: graph, and the number of results in symmetric graphs. Empty for other runs.
@@ -131,8 +133,8 @@ class Summary:
         self.from_rigid_laws = (
             distances_from_rigid_laws(cells, config.solvers) if config.kind == "graph" else pd.DataFrame()
         )
-        #: Number of results that are marked although the model's result of the same cell is not, by solver. Solvers
-        #: without such results are missing.
+        #: For each solver, the number of cells in which the solver's result is marked, because it lies next to a jump,
+        #: while the model's result is not marked. Solvers without such cells are missing.
         self.marked_beyond = {name: n for name, n in zip(config.solvers, beyond, strict=True) if n}
 
     def get(
@@ -145,7 +147,7 @@ class Summary:
     ) -> FrameRow:
         """Return the row of `statistics` for a solver, a measure, a level of an axis, and a group of cells.
 
-        Where no cell was compared, n is 0 and the other statistics are NaN.
+        If no cell of the group was compared with the model, n is 0 and the other statistics are NaN.
         """
         place = self._places.get((solver, measure, axis, cells, "" if axis == "all" else value))
         if place is not None:
@@ -161,7 +163,7 @@ def summarise(folder: RunFolder) -> Summary:
 def count_reasons(outcomes: Tally) -> list[tuple[str, str, str, int]]:
     """Return the reasons why rows have no result, the most frequent first.
 
-    Each is a tuple of solver, status, reason, and the number of rows.
+    Each entry is a tuple of solver, status, reason, and number of rows.
     """
     rows = [(*key, n) for key, n in outcomes.items() if key[1] not in RESULT_STATUSES]
     return sorted(rows, key=lambda row: (-row[3], row[0], row[2], row[1]))
@@ -170,7 +172,8 @@ def count_reasons(outcomes: Tally) -> list[tuple[str, str, str, int]]:
 def _statistics(table: DivergenceTable, kind: CellKind) -> Frame:
     """Return the statistics of every measure by solver, by axis, and by group of cells (`Summary.statistics`).
 
-    For runs of two balls only regular cells have statistics by axis, and the shares of equal state paths are included.
+    Runs of two balls have statistics by axis for regular cells only. Their statistics include the shares of rows with
+    equal state paths.
     """
     frames = []
     pair = kind == "pair"
@@ -201,9 +204,9 @@ def _statistics(table: DivergenceTable, kind: CellKind) -> Frame:
 
 
 def _worst_rows(table: DivergenceTable, count: int) -> Frame:
-    """Return the `count` regular rows of each solver with its largest D, as rows of the table of divergence.
+    """Return, for each solver, the `count` regular rows of the table of divergence with its largest D.
 
-    The rows are sorted by solver, then from the largest D down.
+    The rows are sorted by solver. The rows of a solver begin with the largest D.
     """
     rows = table.rows.assign(d=table.measure("velocity_divergence"))[table.regular]
     largest = rows.sort_values(["solver", "d"], ascending=[True, False], kind="stable")
@@ -214,8 +217,8 @@ def _worst_rows(table: DivergenceTable, count: int) -> Frame:
 def pairwise_divergence(path: Path, config: Config) -> Frame:
     """Return statistics of the divergence D between every two solvers other than the model, in a run of two balls.
 
-    They are over the n cells that both solvers solved, without marked rows. Columns: ``solver, other, n, median, p95,
-    max``. Two solvers that both differ from the model in the same way have a D near zero from each other.
+    The statistics cover the n cells that both solvers solved, without marked rows. Columns: ``solver, other, n, median,
+    p95, max``. If two solvers differ from the model in the same way, the D between them is near zero.
     """
     done = (read_codes(path, "status", RESULT_STATUSES) >= 0) & ~read_where_present(path, "marked")
     speed = np.where(done, np.abs(read_column(path, "v0")), np.nan)
@@ -230,7 +233,7 @@ def pairwise_divergence(path: Path, config: Config) -> Frame:
 
 
 def largest_asymmetries(path: Path, solvers: Sequence[str]) -> dict[str, tuple[float, int]]:
-    """Return, by solver, its largest asymmetry per abs(v0), and the number of symmetric graphs that it solved.
+    """Return two numbers for each solver: its largest asymmetry per abs(v0), and how many symmetric graphs it solved.
 
     Solvers that solved no symmetric graph are missing.
     """
@@ -245,7 +248,9 @@ def largest_asymmetries(path: Path, solvers: Sequence[str]) -> dict[str, tuple[f
 
 
 def distances_from_rigid_laws(path: Path, solvers: Sequence[str]) -> Frame:
-    """Compute how far each rigid engine is from each rigid law of a run of graphs, over the graphs that both solved.
+    """Compute how far each rigid engine is from each rigid law in a run of contact graphs.
+
+    The distances are taken over the graphs that both the engine and the law solved.
 
     A distance is the largest difference of a component of velocity, per abs(v0). Columns: ``solver, law, n, median,
     p95, max``.
@@ -276,14 +281,14 @@ def limit_estimates(
 ) -> Frame:
     """Return statistics of each engine's limit at a time step of zero, from the table of cells at `path`.
 
-    They say how far the engine at its step is from the limit, and how well the limit is known. There is one row per
-    engine. The error of a cell is the largest error of a ball's velocity, per abs(v0), and so is a distance. Columns:
+    The statistics say how far the engine at its step is from the limit, and how well the limit is known. There is one
+    row per engine. An error or a distance in a cell is the largest one of any ball's velocity, per abs(v0). Columns:
 
     * ``solver``: the engine;
-    * ``asked``: the exact solver of the law that the engine was asked for, "" if there is none;
-    * ``n``: the number of cells with a limit; ``converged``: the number of these in which the engine converged;
+    * ``asked``: the exact solver of the law that the engine was asked for, or "" without such a solver;
+    * ``n``: the number of cells with a limit; ``converged``: the number of these cells in which the engine converged;
     * ``order``: the median order of convergence;
-    * ``regularisation``: the largest part of the error that no time step removes;
+    * ``regularisation``: the largest part of an error that no time step removes, however short;
     * ``error_median``, ``error_p95``, ``error_max``: statistics of the estimated errors of the limits;
     * ``step_median``, ...: the same statistics of the distances between the limits and the velocities at the step;
     * ``asked_median``, ...: the same statistics of the distances between the limits and the solver ``asked``, if that
@@ -291,7 +296,7 @@ def limit_estimates(
     * ``held``: the number of distances from the solver ``asked``; ``honest``: the share of these distances that are at
       most `HONEST` times the estimated error.
 
-    Marked rows are counted only if `marked` is true.
+    Marked rows are counted only if the argument `marked` is true.
     """
     limits = [name for name in pq.read_schema(path).names if re.fullmatch(r"v\d+[xz]?_limit", name)]
     velocities = [name.removesuffix("_limit") for name in limits]
@@ -330,20 +335,23 @@ class LadderSummary:
     """Statistics of the contributions to the divergence of each engine in a run (docs/ladder.md)."""
 
     def __init__(self, statistics: Frame) -> None:
-        #: One row per engine, region of cells, and contribution. A region is given by ``axis`` and ``value``: the axis
-        #: is "all", an axis of the cells, or "stiffness_band". ``n`` is the number of cells that have the contribution;
-        #: ``mean, median, p95, max`` are statistics of its kinetic norm. ``total`` is the mean D of the region, and
-        #: ``share`` is the share of the contribution in it. ``low`` and ``high`` are the least and the largest share
-        #: over the orders of the causes. They equal the share for a contribution that is not a cause.
+        #: One row per engine, region of cells, and contribution. The columns ``axis`` and ``value`` give the region.
+        #: The axis is "all", an axis of the cells, or "stiffness_band". ``n`` is the number of cells that have the
+        #: contribution; ``mean, median, p95, max`` are statistics of its kinetic norm. ``total`` is the mean D of the
+        #: region, and ``share`` is the share of the contribution in this mean D. ``low`` and ``high`` are the least and
+        #: the largest share over all orders in which the causes can be taken. Both equal ``share`` if the contribution
+        #: is not a cause.
         self.statistics = statistics
         #: The engines, in the order of the tables, and the axes by which cells are grouped into regions.
         self.solvers, self.axes = (list(dict.fromkeys(statistics[name])) for name in ("solver", "axis"))
         #: The contributions that at least one cell has, in the order of `ladder.CONTRIBUTIONS`.
         self.present = [c for c in CONTRIBUTIONS if c.name in set(statistics.contribution)]
-        #: Number of orders of the causes, as a word. Without gravity there are two causes, and two orders of them.
+        #: Number of orders in which the causes can be taken, as a word. Without gravity there are two causes and two
+        #: orders.
         self.orders = "six" if any(c.needs_gravity for c in self.present) else "two"
         arrangements = statistics.value[statistics.axis == "arrangement"].unique()
-        #: Regions that the pages show, each as an axis and a value, by the text that names the region for a reader.
+        #: Regions of cells that the pages show. Each region is an axis and a value. The keys are the names of the
+        #: regions for a reader.
         self.regions: dict[str, tuple[str, AxisValue]] = (
             {label: (BAND, edge) for edge, label in BANDS.items()}
             if BAND in self.axes
@@ -391,9 +399,9 @@ def summarise_ladder(folder: RunFolder, config: Config) -> LadderSummary:
 
 
 def _region_values(rows: Frame, config: Config) -> dict[str, np.ndarray]:
-    """Return, for each axis, the value of every row by which the row is grouped into a region.
+    """Return, for each axis, the value of every row on this axis, by which rows are grouped into regions.
 
-    In runs of chains and graphs only axes with several values count.
+    In runs of chains and graphs only axes with several values are returned.
     """
     regions: dict[str, np.ndarray] = {"all": np.zeros(len(rows))}
     if config.kind != "pair":
@@ -414,7 +422,8 @@ def _region_values(rows: Frame, config: Config) -> dict[str, np.ndarray]:
 def _statistics_by_region(rows: Frame, region: Frame, *, gravity: bool) -> Frame:
     """Return the statistics of every contribution in every region of one axis.
 
-    There is one row per value of the axis and contribution. `region` is the value of each row.
+    The result has one row for each value of the axis and each contribution. `region` holds the value of every row of
+    the table ``ladder`` on the axis.
     """
     contributions = contributions_of(gravity=gravity)
     names = [c.name for c in contributions]
@@ -425,8 +434,8 @@ def _statistics_by_region(rows: Frame, region: Frame, *, gravity: bool) -> Frame
     sums = total.groupby(region).sum()
     whole = sums.where(sums > 0)
     share = along.groupby(region).sum().div(whole, axis=0)
-    # A component along the total difference is linear in the velocities. So the components of the corners are summed
-    # over a region first, and the sum is then split among the causes.
+    # A component along the total difference is linear in the velocities. So the components of the exact solutions can
+    # be summed over a region first. The sum is then split among the causes.
     corners = corner_names(gravity=gravity)
     along_corners = rows[[f"{name}_along" for name in corners.values()]].where(total >= NOTHING, 0.0)
     sums_of_corners = along_corners.groupby(region).sum()
@@ -447,7 +456,7 @@ def _statistics_by_region(rows: Frame, region: Frame, *, gravity: bool) -> Frame
 def ladder_statistics_for_csv(ladder: LadderSummary) -> list[Frame]:
     """Return the statistics of contributions in the columns of ``summary.csv``.
 
-    The frames hold the kinetic norms, the shares, and the least and largest shares over the orders of the causes.
+    The tables hold the kinetic norms, the shares, and the least and largest shares over all orders of the causes.
     """
     table = ladder.statistics.assign(cells="regular")
     frames = [table.assign(measure="norm_" + table.contribution)]

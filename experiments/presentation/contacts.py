@@ -1,7 +1,7 @@
 """Text and tables about contacts: one contact for an engine, and the contacts of a MuJoCo scene.
 
-They need measured contacts of `single_contact`, `three_bodies` or `inspect_mujoco`. The commands `contact` and
-`inspect` call them.
+The functions here need contacts that `single_contact`, `three_bodies` or `inspect_mujoco` has measured. The commands
+`contact` and `inspect` call them.
 """
 
 from __future__ import annotations
@@ -49,7 +49,8 @@ def contact_blocks(
 ) -> list[Block]:
     """Return text and tables about one contact, or about the two contacts of three bodies.
 
-    They show the numbers of the contacts, the lines to paste into a scene of the engine, and the results of drops.
+    The blocks show the numbers of the contacts, the lines to paste into a scene of the engine, and the results of
+    drops.
 
     Parameters
     ----------
@@ -58,11 +59,11 @@ def contact_blocks(
     verified
         The contacts, whose drops all have the same time step.
     touch
-        The contact of two materials that the pair stands for, if there is one.
+        The contact of two materials for which the pair stands, or None if the user gave no materials.
     tolerance
         Allowed relative error of restitution and duration.
     given_step
-        The time step in s, if it was given and the stiffness was searched.
+        The time step in s, if the user gave the step and the stiffness was searched for it.
 
     Raises
     ------
@@ -88,7 +89,7 @@ def _name_of_contact(i: int) -> str:
 
 
 def _describe_numbers(pair: SingleImpact, prefix: str) -> list[str]:
-    """Return lines with the numbers of a pair's contact, and with its depths."""
+    """Return lines with the numbers of the contact of a pair of bodies, and with the depths of the contact."""
     c, lines = pair.contact, []
     if pair.solref is not None:
         solref, solimp = (" ".join(f"{value:g}" for value in values) for values in pair.solref)
@@ -105,7 +106,7 @@ def _describe_numbers(pair: SingleImpact, prefix: str) -> list[str]:
 
 
 def _describe_solref(written: MujocoContact, pair: SingleImpact) -> list[str]:
-    """Return warnings about a solref whose numbers can be misread; empty if there are none."""
+    """Return warnings about a solref whose numbers can be misread; empty if no warning is needed."""
     lines: list[str] = []
     if not is_linear(written):
         lines.append(
@@ -172,10 +173,10 @@ def impact_blocks(
     exact: Mapping[str, list[float] | str],
     runs: Sequence[Strike | str],
 ) -> list[Block]:
-    """Return the table of velocities after an impact of three bodies at the same time, with notes.
+    """Return the table of velocities after an impact in which three bodies meet at the same time, with notes.
 
-    `exact` has the velocities in m/s by solver. `runs` has the results of the engine. In both, a text is the reason why
-    there are no velocities.
+    `exact` has the velocities in m/s by solver. `runs` has the results of the engine. A text in place of velocities
+    says why there are none.
     """
     moving = [body for body, mass in zip(_BODIES, masses, strict=True) if not math.isinf(mass)]
     weights = [mass for mass in masses if not math.isinf(mass)]
@@ -184,7 +185,7 @@ def impact_blocks(
     notes: list[str] = []
 
     def divergence(velocities: Sequence[float]) -> str:
-        """Return the D between velocities and the model as text; a dash if the model has no velocities."""
+        """Return the divergence D of velocities from the model as text; a dash if the model has no velocities."""
         if isinstance(model, str):
             return "-"
         difference = np.subtract(velocities, model)
@@ -220,19 +221,22 @@ def impact_blocks(
 def round_outward(low: float, high: float) -> str:
     """Return the text of a rounded interval that contains both numbers.
 
-    It is wider than the exact interval by at most 2e-4 of its width plus 2e-12 of the numbers. If the ends were rounded
-    to the nearest digit, the interval could leave out measured numbers.
+    The rounded interval is wider than the exact interval, by at most 2e-4 of the width plus 2e-12 of the numbers. The
+    ends are not rounded to the nearest digit, because the interval could then leave out measured numbers.
     """
     resolution = max(1e-4 * (high - low), 1e-12 * max(abs(low), abs(high)))
     exponent = math.floor(math.log10(resolution)) if resolution > 0 else 0
     unit = 10.0**exponent
-    # An end that is a multiple of the unit keeps its value. The quotient may be off by rounding, below a thousandth.
+    # An end that is a multiple of the unit keeps its value. Rounding may change the quotient by less than a thousandth.
     ends = math.floor(low / unit + 1e-3), math.ceil(high / unit - 1e-3)
     return " to ".join(f"{float(f'{end}e{exponent}'):.15g}" for end in ends)
 
 
 def _describe_linearised(touch: MaterialContact, speed: float) -> list[str]:
-    """Return lines about the force of the materials that a linear contact stands for, and how both differ."""
+    """Return lines about a linear contact that stands for two materials.
+
+    They tell the force of the materials, and how it differs from the force of the linear contact.
+    """
     names = " on ".join(
         f"{body.material.name} "
         + ("flat" if math.isinf(body.radius) else f"ball of {body.radius:g} m radius")
@@ -248,10 +252,11 @@ def _describe_linearised(touch: MaterialContact, speed: float) -> list[str]:
     ]
 
 
-#: Largest numbers of lines about a scene on one screen: of all lines, and of lines for groups, remarks and traps.
+#: Largest numbers of lines about a scene on one screen: all lines together, then lines for groups, for remarks, and for
+#: traps.
 _MOST_LINES, _MOST_GROUPS, _MOST_REMARKS, _MOST_TRAPS = 40, 8, 3, 7
 
-#: Largest number of contacts of a written scene that are shown.
+#: Largest number of contacts that are shown for a scene that was written.
 _MOST_WRITTEN = 12
 
 #: Warning about contacts whose numbers are forces. In a scene, such contacts may differ from the drops, in which bodies
@@ -269,11 +274,11 @@ _NAME_WIDTH = 44
 def scene_blocks(
     examination: Examination, scene: str, speed: float, version: str, *, everything: bool = False
 ) -> list[Block]:
-    """Return text and tables about the contacts of a MuJoCo scene, which were measured by drops at a speed in m/s.
+    """Return text and tables about the contacts of a MuJoCo scene, which drops at a speed in m/s have measured.
 
-    They show the parameters, the measured numbers, what to write for another contact, and the traps (known problems).
-    By default only the first rows of each, so that they fit on one screen. With `everything` all rows, and one row for
-    every measured contact.
+    The tables show the parameters, the measured numbers, what to write for another contact, and the traps (known
+    problems). By default each table shows only its first rows, so that all tables fit on one screen. With `everything`
+    the tables show all rows, and one row for every measured contact.
     """
     groups = examination.groups
     shown = groups if everything else groups[:_MOST_GROUPS]
@@ -298,8 +303,8 @@ def scene_blocks(
     notes = [_describe_pairs(shown), _ONE_POINT] if has_readings else []
     if not everything:
         remarks = _keep_first(remarks, _MOST_REMARKS, "remarks")
-        # 11 lines are not rows: the first line, three lines for each of three tables (an empty line, a caption and a
-        # header), and an empty line after the tables.
+        # 11 lines are not rows of tables. They are the first line, three lines for each of three tables (an empty line,
+        # a caption and a header), and an empty line after the tables.
         lines_left = _MOST_LINES - 11 - sum(map(len, (rows, measured_rows, remarks, notes, traps)))
         if len(to_write) > lines_left:
             kept = max(lines_left - 1, 0)
@@ -323,7 +328,10 @@ _TO_WRITE = ("group", "contact", "e", "duration, s", "solref", "condim", "fricti
 
 
 def _caption_of_what_to_write(has_readings: bool, has_advice: bool) -> str:
-    """Return the caption of the table of what to write, which says whether its rows are a <pair>, a solref, or both."""
+    """Return the caption of the table that says what to write.
+
+    The caption says whether the rows of the table propose a <pair>, a solref, or both.
+    """
     pair = f'<pair geom1="A" geom2="B" solimp="{_FORCE_LEVEL}" .../>'
     if has_readings and has_advice:
         return (
@@ -338,19 +346,19 @@ _FORCE_LEVEL = "0.0001 0.0001 0.001 0.5 1"
 
 
 def _first_number(numbers: str) -> int:
-    """Return the first number in a text of numbers of groups, such as ``2, 5``."""
+    """Return the first number in a text that lists numbers of groups, such as ``2, 5``."""
     return int(numbers.partition(",")[0])
 
 
 def _keep_first(lines: list[str], most: int, what: str) -> list[str]:
-    """Return the first lines, and a last line that says how many more lines there are."""
+    """Return the first lines, and one more line that says how many lines are left out."""
     if len(lines) <= most:
         return lines
     return [*lines[: most - 1], f"{len(lines) - most + 1} more {what} are not shown; --all shows them"]
 
 
 def _describe_examination(examination: Examination, scene: str, version: str) -> str:
-    """Return a line that says what was examined, by which engine, and what is left out."""
+    """Return a line that says what was examined, by which engine, and which contacts are left out."""
     contacts = sum(len(group.group.contacts) for group in examination.groups)
     looked = ""
     if examination.geoms_looked_at < examination.geoms:
@@ -366,7 +374,7 @@ def _describe_examination(examination: Examination, scene: str, version: str) ->
 
 
 def _count(number: int, thing: str) -> str:
-    """Return the text of a number of things, with an s unless it is 1."""
+    """Return a number of things as text, such as ``1 trap`` or ``3 traps``."""
     return f"{number} {thing}{'' if number == 1 else 's'}"
 
 
@@ -389,7 +397,7 @@ def _parameter_row(n: int, group: ExaminedGroup) -> tuple[str, ...]:
     )
 
 
-#: Words of a table for the rule by which MuJoCo finds the parameters of a contact.
+#: Words for a table that name the rule by which MuJoCo finds the parameters of a contact.
 _RULE_WORDS = {
     "pair": "<pair>",
     "override": "flag override",
@@ -405,7 +413,10 @@ def _shorten(name: str) -> str:
 
 
 def fixed_scene_blocks(fixed: FixedScene, scene: str, target: str, version: str) -> list[Block]:
-    """Return text and a table about a scene that was written: what was changed in it, and what its contacts do."""
+    """Return text and a table about a scene that was written.
+
+    They say what was changed in the scene, and how its contacts behave.
+    """
     reading = "behave as before" if fixed.kind == "keep" else "have their numbers in N/m and N s/m"
     changes = [f"{fixed.pairs} <pair>s", f"the step, from {fixed.step_before:g} to {fixed.step:g} s"]
     changes += ["the solver's tolerance, which is now 0"] if fixed.zero_tolerance else []
@@ -441,7 +452,10 @@ def fixed_scene_blocks(fixed: FixedScene, scene: str, target: str, version: str)
 
 
 def _measured_rows(n: int, group: ExaminedGroup, everything: bool) -> list[tuple[str, ...]]:
-    """Return the rows of measured numbers: one row per group, or with `everything` one row per measured contact."""
+    """Return the rows of the table of measured numbers.
+
+    There is one row per group of contacts, or with `everything` one row per measured contact.
+    """
     if everything:
         return [
             (
@@ -465,7 +479,10 @@ def _measured_columns(contacts: list[ExaminedContact]) -> list[str]:
 
 
 def _format_rest(rows: Sequence[MeasuredContact]) -> str:
-    """Return the depths at rest as text, with the number of points of contact that carry the body if it is not one."""
+    """Return the depths at rest as text.
+
+    If several points of contact carry a body, the text also tells their number.
+    """
     text = _format_values([row.penetration for row in rows])
     points = sorted({row.points for row in rows if row.penetration is not None})
     if not points or points == [1]:
@@ -474,7 +491,7 @@ def _format_rest(rows: Sequence[MeasuredContact]) -> str:
 
 
 def _format_values(values: Sequence[float | None]) -> str:
-    """Return the range of numbers as text, without missing numbers; a dash if all are missing."""
+    """Return the range of numbers as text; missing numbers are ignored, and a dash stands for no number at all."""
     numbers = sorted(value for value in values if value is not None)
     if not numbers:
         return "-"
@@ -503,7 +520,10 @@ def _abbreviate(names: list[str]) -> str:
 
 
 def _describe_remarks(n: int, group: ExaminedGroup) -> list[str]:
-    """Return a line with the first remark on a group, such as why contacts were not measured; empty without one."""
+    """Return a line with the first remark on a group of contacts; empty if there is no remark.
+
+    A remark says, for example, why contacts of the group were not measured.
+    """
     remarks = dict.fromkeys(
         remark for contact in group.examined for remark in (contact.row.reason, contact.row.note) if remark
     )
@@ -515,7 +535,8 @@ def _describe_remarks(n: int, group: ExaminedGroup) -> list[str]:
 def _reading_rows(groups: list[ExaminedGroup], everything: bool) -> list[tuple[str, ...]]:
     """Return the rows that propose a <pair> for contacts whose solref has negative (direct) numbers.
 
-    Direct numbers can be read in two ways. There is one row per group, reading and text to write.
+    Direct numbers can be interpreted in two ways, which are called readings. There is one row for each group, each
+    reading, and each text to write.
     """
     rows: list[tuple[str, ...]] = []
     for n, group in enumerate(groups, 1):
@@ -533,14 +554,19 @@ def _reading_rows(groups: list[ExaminedGroup], everything: bool) -> list[tuple[s
     return rows
 
 
-#: Largest number of rows on one screen for one reading of a group. There are several if the solref depends on masses.
+#: Largest number of rows on one screen for one reading of a group, which is one way to interpret the numbers of its
+#: solref. A reading has several rows if the solref to write depends on the masses of bodies.
 _MOST_SOLREFS = 2
 
 
 def _reading_row(
     n: int, readings: list[tuple[ExaminedContact, Reading]], *, is_only: bool
 ) -> tuple[str, ...]:
-    """Return the row of one reading of contacts that get the same text. `is_only` says that the whole group gets it."""
+    """Return a row of the table that says what to write for the contacts of a group with the number `n`.
+
+    `readings` are contacts of the group for which the same text is written, each with one interpretation of its
+    numbers. `is_only` is true if this text is written for all contacts of the group.
+    """
     _, first = readings[0]
     bodies = [contact.bodies for contact, _ in readings]
     if first.kind == "keep":
@@ -567,12 +593,12 @@ def _reading_row(
     )
 
 
-#: Largest relative error of a restitution for which a row of what to write has no warning.
+#: Largest relative error of a restitution without a warning, in the table that says what to write.
 _WITHOUT_A_WORD = 0.01
 
 
 def _flag_miss(measured: Sequence[float], meant: Sequence[float]) -> str:
-    """Return the measured restitution as text, with its relative error if that is above `_WITHOUT_A_WORD`."""
+    """Return the measured restitution as text, with its relative error if the error is above `_WITHOUT_A_WORD`."""
     if not measured:
         return "not measured"
     miss = max(abs(ends / e - 1) for ends, e in ((min(measured), min(meant)), (max(measured), max(meant))))
@@ -629,7 +655,8 @@ def _describe_pairs(groups: list[ExaminedGroup]) -> str:
 def _describe_traps(examination: Examination, scene: str, everything: bool) -> list[str]:
     """Return lines about the traps (known problems) of a scene, and a last line with their number.
 
-    Without `everything` there is one line per kind of trap, with the groups that have it.
+    If `everything` is false, there is one line for each kind of trap, which lists the groups of contacts with this
+    trap.
     """
     findings = examination.findings
     if everything:

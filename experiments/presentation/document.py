@@ -1,6 +1,6 @@
 """Documents of paragraphs, tables, figures and sections, which a page, a terminal and a notebook can all show.
 
-The module needs nothing but the formatting of numbers. All modules that make or show text call it.
+The module needs only the functions that format numbers. All modules that make or show text call this module.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ class Value:
     """A number of a run in a sentence. On a page its tooltip says where the number comes from.
 
     `key` is the text of the tooltip. It names a place in ``summary.csv``, such as ``mujoco velocity_divergence
-    median``, or says how the number was derived. `digits` is the number of significant digits shown. With 0 the number
-    is shown as a percentage.
+    median``, or says how the number was derived. `digits` is the number of significant digits shown. If `digits` is 0,
+    the number is shown as a percentage.
     """
 
     value: float
@@ -38,7 +38,7 @@ class Value:
 class Piece(Markup):
     """A piece of HTML for pages only.
 
-    In contrast, other `Markup` is a paragraph, which a terminal shows without its tags.
+    `Markup` that is no `Piece` is a paragraph, which a terminal shows without its tags.
     """
 
 
@@ -64,7 +64,8 @@ class Figure:
 class Section:
     """A titled part of a document.
 
-    If `folded`, the section is closed until a reader opens it. If `beside`, its text is beside its figure.
+    If `folded` is true, the section is closed until a reader opens it. If `beside` is true, the text of the section
+    stands beside its figure.
     """
 
     title: str
@@ -78,7 +79,7 @@ class Section:
         return "-".join("".join(c if c.isalnum() else " " for c in self.title.lower()).split())
 
 
-#: A block of a document. A text is a paragraph.
+#: Type of a block of a document. A block that is a plain `str` is a paragraph.
 Block = str | Table | Figure | Section
 
 

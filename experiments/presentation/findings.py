@@ -1,6 +1,6 @@
 """Findings of a run, in sentences and tables that the page and the terminal share.
 
-They need the `Summary` of a finished run. The page of a run, `report` and the terminal call them.
+The functions here need the `Summary` of a finished run. The page of a run, `report` and the terminal call them.
 """
 
 from __future__ import annotations
@@ -48,12 +48,12 @@ CUTS = ("median", "p95", "max")
 #: Name of the measure D in the statistics of a run.
 D = "velocity_divergence"
 
-#: Largest D, and largest difference of velocities per abs(v0), that rounding alone can make.
+#: Largest number that rounding alone can make, for D and for a difference of velocities per abs(v0).
 ROUNDING = 1e-12
 
-#: Largest asymmetry, per abs(v0), with which a solver keeps the symmetry of a scene. The rounding of engines in single
-#: precision is 1e-7, and adds up to some 1e-6. A solver that takes contacts one after the other breaks a symmetry by
-#: about 0.1.
+#: Largest asymmetry, per abs(v0), of a solver that counts as keeping the symmetry of a scene. Engines in single
+#: precision round by 1e-7, which adds up to about 1e-6. A solver that handles contacts one after the other breaks a
+#: symmetry by about 0.1.
 SYMMETRIC = 1e-5
 
 #: Rigid laws that rigid engines were found to follow.
@@ -75,7 +75,7 @@ def row_noun(summary: Summary) -> str:
 
 
 def count_noun(n: float, plural: str) -> str:
-    """Return the noun that follows a number: the plural without its last letter after 1."""
+    """Return the noun that follows a number: the plural, or after 1 the plural without its last letter."""
     return plural[:-1] if n == 1 else plural
 
 
@@ -95,7 +95,7 @@ def statistic_value(
 
 
 def thin_out(values: Sequence[_Value]) -> Sequence[_Value]:
-    """Return the values of an axis that a table shows: all of them, or every second, third, ... if there are many."""
+    """Return the values of an axis that a table shows: all values, or every second, third, ... if there are many."""
     return values[:: -(-len(values) // _ROWS)] if values else values
 
 
@@ -105,7 +105,7 @@ def compared_solvers(summary: Summary) -> list[str]:
 
 
 def solvers_of_sentences(summary: Summary) -> list[str]:
-    """List the solvers that sentences name: the compared engines, or all compared solvers if no engine is compared."""
+    """List the solvers that sentences name: the compared engines, or without engines all compared solvers."""
     names = compared_solvers(summary)
     return [name for name in names if is_engine(name)] or names
 
@@ -113,8 +113,8 @@ def solvers_of_sentences(summary: Summary) -> list[str]:
 def describe_row(summary: Summary, row: FrameRow) -> str:
     """Return a description of a row: the values of its axes.
 
-    The description of a chain begins with its arrangement, that of a graph with its name. Both leave out axes that
-    have one value in the whole run.
+    The description of a chain begins with the arrangement, the description of a graph with its name. Both leave out
+    axes that have only one value in the whole run.
     """
     if summary.config.kind == "pair":
         return describe_cell(row)
@@ -150,10 +150,10 @@ def describe_distances(summary: Summary) -> Markup:
 
 
 def distances_from_own_laws(summary: Summary) -> Iterator[tuple[str, str, Value, Value]]:
-    """Yield each engine with the exact solver of its contact law, and the median and largest distance between them.
+    """Yield each engine with the exact solver of its contact law, and the median and largest distance of the two.
 
-    For two balls the distance is D. For chains and graphs it is the difference in velocity, per abs(v0), between the
-    exact solver and the engine's limit dt -> 0.
+    For two balls the distance is D. For chains and graphs the distance is a difference in velocity, per abs(v0),
+    between the exact solver and the engine's limit at a time step of zero.
     """
     if summary.config.kind == "pair":
         for row in summary.between.to_dict("records"):
@@ -208,13 +208,14 @@ def describe_distances_from_own_laws(summary: Summary) -> list[Markup]:
 def cause_shares(
     ladder: LadderSummary, solver: str, axis: str = "all", at: AxisValue = math.nan
 ) -> dict[str, Value | str]:
-    """Return the shares of the causes in an engine's mean D over a region, by name, the largest share first.
+    """Return the share of each cause in an engine's mean D over a region, by name of the cause, the largest first.
 
-    If two large causes cancel, each of them has a text that says so instead of a share.
+    If two large causes cancel, the result has a text in place of the share for each of these two causes. The text says
+    that the cause is cancelled.
     """
     region = ladder.region(solver, axis, at)
     key = "mean" if axis == "all" else f"mean {axis}={at}"
-    causes = region[region["max"] > 0]  # all norms of gravity are 0 if the scenario is impact
+    causes = region[region["max"] > 0]  # without gravity, the contribution ``gravity`` is 0 in all cells
     largest = causes.share.abs().sort_values(ascending=False, kind="stable").index
     return {
         name: _describe_cancelling(region, name)
@@ -232,8 +233,8 @@ def _describe_cancelling(region: Frame, name: str) -> str:
 def describe_causes(summary: Summary, solver: str, most: int = 2, *, explain: bool = False) -> Markup:
     """Say which causes an engine's mean D has.
 
-    The text names the `most` largest causes. It also says how the share of the largest cause differs between regions
-    of the grid. With `explain` it explains each cause in brackets.
+    The text names the largest causes, at most `most` of them. It also says how the share of the largest cause differs
+    between regions of the grid. With `explain` the text explains each cause in brackets.
     """
     ladder = summary.ladder
     whole = ladder.region(solver)
@@ -263,7 +264,7 @@ def describe_causes(summary: Summary, solver: str, most: int = 2, *, explain: bo
 
 
 def _describe_regions(ladder: LadderSummary, solver: str, name: str) -> str:
-    """Say how the share of a cause differs between regions of the grid; empty if fewer than two have a share."""
+    """Say how the share of a cause differs between regions of the grid; empty if fewer than two regions have one."""
     by_region = {
         label: cause_shares(ladder, solver, *place).get(name) for label, place in ladder.regions.items()
     }
@@ -279,7 +280,7 @@ def _describe_regions(ladder: LadderSummary, solver: str, name: str) -> str:
 
 
 def describe_asymmetries(summary: Summary) -> Markup:
-    """Say which solvers keep the mirror symmetry of symmetric graphs, and by how much the other solvers break it.
+    """Say which solvers keep the mirror symmetry of symmetric graphs, and how far the other solvers break it.
 
     The text is empty if the run has no symmetric graph.
     """
@@ -325,7 +326,10 @@ def describe_asymmetries(summary: Summary) -> Markup:
 
 
 def describe_why_graphs_differ(summary: Summary) -> list[Markup]:
-    """Say why solvers of graphs differ from the model: by stiffness, by loss of energy, or because bodies move."""
+    """Say why solvers of graphs differ from the model.
+
+    The reasons are the stiffness of contacts, the loss of energy, and the motion of bodies during the collision.
+    """
     names = compared_solvers(summary)
     levels = summary.levels["e"].values
     said: list[Markup] = []
@@ -376,7 +380,7 @@ def describe_why_graphs_differ(summary: Summary) -> list[Markup]:
 
 
 def describe_nearest_rigid_laws(summary: Summary) -> list[Markup]:
-    """Say for each rigid engine in a run of graphs which of the run's rigid laws it is nearest to."""
+    """Say for each rigid engine in a run of graphs which rigid law of the run is nearest to the engine."""
     engines = [name for name in compared_solvers(summary) if is_engine(name) and not knows_stiffness(name)]
     distances = summary.from_rigid_laws
     if engines and distances.empty:
@@ -417,7 +421,7 @@ def knows_stiffness(name: str) -> bool:
 def describe_unsolved(summary: Summary) -> list[str]:
     """Say for each solver in how many cells it has no result, by status, and the most frequent reason.
 
-    A last sentence names settings that shorten time steps, if shorter steps may help in some cell.
+    If shorter time steps may help in some cell, a last sentence names the settings that shorten them.
     """
     sentences = []
     for name in (REFERENCE, *summary.solvers):
@@ -435,9 +439,10 @@ def describe_unsolved(summary: Summary) -> list[str]:
 
 
 def _describe_shorter_steps(summary: Summary) -> list[str]:
-    """Say which settings shorten the steps of engines, if that may help a result that did not converge."""
+    """Say which settings shorten the time steps of engines; empty if shorter steps can help no unconverged result."""
     reasons = summary.reasons.reason[summary.reasons.status == "unconverged"]
-    if reasons.str.contains(NO_HELP, regex=False).all():  # true also if no result is unconverged
+    # The condition is true also if there is no unconverged result.
+    if reasons.str.contains(NO_HELP, regex=False).all():
         return []
     config = summary.config
     halvings = f", or more halvings under [convergence] (now {config.convergence.halvings}, at most 10)"
@@ -448,7 +453,7 @@ def _describe_shorter_steps(summary: Summary) -> list[str]:
 
 
 def describe_counted_cells(summary: Summary) -> str:
-    """Say which cells the statistics are taken over, and how many cells are left out because they are marked."""
+    """Say which cells the statistics count, and how many cells they leave out because these are marked."""
     beyond = "".join(f", {n} more for {display_name(name)}" for name, n in summary.marked_beyond.items())
     noun = row_noun(summary)
     said = (
@@ -483,9 +488,10 @@ def axis_table(summary: Summary, axis: str) -> Table:
 
 
 def region_table(ladder: LadderSummary, called: Callable[[str], str] = str) -> Table:
-    """Return the table of the shares of the causes in the mean D of each engine, by region.
+    """Return the table that shows which share each cause has in the mean D of an engine, by region of the grid.
 
-    A share is followed by its range over the orders of the causes. `called` returns the name of a solver.
+    A share depends on the order in which the causes are taken. Its range over all orders follows the share. `called`
+    returns the name of a solver for a reader.
     """
     rows = []
     for solver in ladder.solvers:
@@ -516,7 +522,7 @@ def _share_text(region: Frame, name: str) -> str:
 
 
 def overall_table(summary: Summary) -> Table:
-    """Return the table of the distance of each solver from the model, one row per solver, for one screen."""
+    """Return the table with the distance of each solver from the model, one row per solver, for one screen."""
     last = {"same path": lambda name: percent(summary.get(name, "states_equal")["mean"])}
     if summary.config.kind == "graph":
         last = {

@@ -1,6 +1,6 @@
-"""Conversion of a document to one self-contained HTML page, which loads nothing else.
+"""Conversion of a document to one self-contained HTML page, which loads no other files.
 
-It needs the templates of this package. `report` and other writers of pages call it.
+The module needs the templates of this package. `report` and other modules that write pages call this module.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _ENVIRONMENT.filters["in_words"] = GRAPHS_IN_WORDS.__getitem__
 
 
 def render_page(title: str, blocks: Sequence[Block], folder: Path | None = None) -> str:
-    """Return a document as an HTML page that contains its figures, which are in `folder`.
+    """Return a document as an HTML page that contains the figures of the document, which are read from `folder`.
 
     A table of contents precedes the first section if there are more than two sections.
     """

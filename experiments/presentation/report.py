@@ -1,6 +1,6 @@
 """Writers of the report of a run: statistics as CSV and LaTeX, figures, and one self-contained HTML page.
 
-They need the folder of a finished run. The commands `run` and `report` call them.
+The functions here need the folder of a finished run. The commands `run` and `report` call them.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ from impact_xval.experiments.tables.parquet import replacing
 def present_run(folder: RunFolder, apart: Apart) -> Summary:
     """Write tables, figures and the page of a finished run, and return its summary.
 
-    `apart` runs a function in another process, which collects the cells that open on the page.
+    `apart` calls a function in another process. It is used to collect the contents of the cells that a reader can open
+    on the page.
     """
     collected = apart(pack_opening_cells, folder)
 
@@ -62,10 +63,10 @@ def write_latex(folder: RunFolder, summary: Summary) -> Path:
 
 
 def write_report(folder: RunFolder, summary: Summary, cells: Callable[[], str] | None = None) -> Path:
-    """Write ``report.html`` of a finished run, and return its path. Figures that are missing are drawn first.
+    """Write ``report.html`` of a finished run, and return the path of the file. Missing figures are drawn first.
 
-    `cells` returns the packed contents of the cells that open on the page. By default `pack_opening_cells` collects
-    them. It is not called if no cell opens.
+    `cells` is a function that returns the compressed contents of the cells that a reader can open on the page; by
+    default it is `pack_opening_cells`. The function is not called if the page has no such cells.
     """
     figures = folder.root / "figures"
     known = figures / CAPTIONS

@@ -1,6 +1,6 @@
 """Style of the figures, and functions that save figures.
 
-They need Matplotlib. All modules of `pictures` and the commands that draw call them.
+The functions here need Matplotlib. All modules of `pictures` and the commands that draw call them.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from impact_xval.experiments.tables.frames import AxisValue
 from impact_xval.experiments.tables.parquet import replacing
 
 if TYPE_CHECKING:
-    from matplotlib.typing import RcKeyType  # old releases of Matplotlib do not have it
+    from matplotlib.typing import RcKeyType  # old releases of Matplotlib do not have this type
 
 #: Name of the file that holds the captions of the figures of a run.
 CAPTIONS = "captions.json"
 
-#: Name, figure and caption of a figure.
+#: A figure that was drawn: its name, the figure itself, and its caption.
 Drawn = tuple[str, Figure, str]
 
 #: Sentence for the captions of figures that leave out marked cells.
@@ -78,12 +78,12 @@ def _widen_limits(low: float, high: float) -> tuple[float, float]:
 def save_figure(figure: Figure, folder: Path, name: str) -> None:
     """Write a figure as ``NAME.svg`` and ``NAME.pdf``. The same figure always gives the same bytes."""
     for ax in figure.axes:
-        ax.minorticks_off()  # their labels are invisible, but take half of the time of the layout
+        ax.minorticks_off()  # minor ticks have invisible labels, which take half of the time of the layout
         ax.set_xlim(_widen_limits(*ax.get_xlim()), auto=None)
         ax.set_ylim(_widen_limits(*ax.get_ylim()), auto=None)
-    # `savefig` would lay out and draw the figure twice for each format.
+    # The figure is laid out here once, because `savefig` would lay out and draw it twice for each format.
     figure.draw_without_rendering()
-    figure.set_layout_engine("none")  # the layout is final
+    figure.set_layout_engine("none")  # the layout is final from here on
     with mpl.rc_context(_PARAMETERS), replacing(folder / f"{name}.svg") as temporary:
         FigureCanvasSVG(figure).print_svg(temporary, metadata={"Date": None})
     with replacing(folder / f"{name}.pdf") as temporary:

@@ -1,7 +1,7 @@
 """Text and tables about a contact for an engine: the text to paste, what the engine reads, and results of drops.
 
-They need a pair of bodies and targets, which are ways to write a contact into an engine. The command `contact` calls
-them.
+The functions here need a pair of bodies and targets. A target is a way to write a contact for an engine. The command
+`contact` calls them.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from impact_xval.compliant_baselines.targets import ContactRequest, Target
 from impact_xval.experiments.presentation.contacts import round_outward
 from impact_xval.experiments.presentation.document import Block, Table
 
-#: Number of time steps in a contact if no step is given, before the step is rounded.
+#: Number of time steps in the duration of a contact if no step is given. The step that follows is then rounded.
 DEFAULT_STEPS = 200
 
 #: Explanations of the contact laws of engines, by `Target.law`.
@@ -41,7 +41,7 @@ class ContactOfTwo(Protocol):
 
     @property
     def contact(self) -> KelvinVoigtContact:
-        """The requested contact."""
+        """The contact that the user requests."""
         ...
 
     @property
@@ -63,14 +63,15 @@ def request_contact(pair: ContactOfTwo, step: float | None = None) -> ContactReq
 
 
 def _round_down(value: float) -> float:
-    """Return the largest number of one significant digit that is not above a value."""
+    """Return the largest number with one significant digit that does not exceed a value."""
     exponent = math.floor(math.log10(value))
-    # A multiple of the power of ten keeps its value: the quotient may be off by rounding, less than a thousandth.
+    # A multiple of the power of ten keeps its value, although rounding may change the quotient by less than a
+    # thousandth.
     return float(f"{math.floor(value / 10.0**exponent + 1e-3)}e{exponent}")
 
 
 def describe_target(target: Target, pair: ContactOfTwo, step: float | None = None) -> list[Block]:
-    """Return the text to paste for a contact, what the engine reads in it, and the results of drops with it.
+    """Return the text to paste for a contact, the numbers that the engine reads in this text, and results of drops.
 
     Parameters
     ----------
@@ -89,7 +90,7 @@ def describe_target(target: Target, pair: ContactOfTwo, step: float | None = Non
     Raises
     ------
     SolverError
-        If the engine cannot take the numbers.
+        If the engine cannot represent the contact.
     """
     request = request_contact(pair, step)
     facts = [
@@ -115,12 +116,14 @@ def describe_target(target: Target, pair: ContactOfTwo, step: float | None = Non
 
 
 def describe_targets(targets: Sequence[Target], pair: ContactOfTwo, step: float | None = None) -> list[Block]:
-    """Return the blocks of several targets one after the other. A target that cannot take the numbers says why.
+    """Return the blocks of several targets, one target after the other.
+
+    If a target cannot represent the contact, its block says why.
 
     Raises
     ------
     SolverError
-        If no target can take the numbers.
+        If no target can represent the contact.
     """
     c = pair.contact
     blocks: list[Block] = []

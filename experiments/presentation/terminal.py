@@ -1,6 +1,6 @@
 """Output of the commands on a terminal or in a log: progress, tables and lines.
 
-It needs the library rich. All commands call it.
+The module needs the Python library `rich`. All commands print through this module.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from impact_xval.experiments.presentation.words import look_of
 #: Message before kernels are compiled.
 COMPILING = "compiling the kernels (numerical code) takes half a minute or more, once after each installation"
 
-#: Width, in letters, of output that does not go to a terminal.
+#: Width, in letters, of output that goes to a file or a pipe and not to a terminal.
 _WIDTH = 150
 #: Time in s between two messages on standard error while a command works.
 _SAY = 20.0
@@ -61,7 +61,7 @@ def print_blocks(console: Console, blocks: Iterable[Block]) -> None:
 
 
 def _rich_table(block: Table) -> RichTable:
-    """Return a table of rich. Names of solvers have the colours that they have in figures.
+    """Return a table of the library `rich`, in which names of solvers have the colours that they have in figures.
 
     The name of the model has no colour, because it is black in figures.
     """
@@ -83,12 +83,12 @@ def _rich_table(block: Table) -> RichTable:
 def show_progress(console: Console) -> Generator[Callable[[int, int, str], None]]:
     """Show the progress of a run: a bar on a terminal, otherwise a line for every tenth of the cells.
 
-    The context yields a function that any thread may call. Its arguments are the number of cells done, the total, and a
-    line to print.
+    The `with` block gets a function that any thread may call. The arguments of the function are the number of cells
+    that are done, the number of all cells, and a line to print.
     """
     live = console.is_terminal and not console.is_dumb_terminal
     counts = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    slow = 3600  # in s; long, because a part of a run may take minutes
+    slow = 3600  # in s; it is long, because one chunk of cells may take minutes
     bar = Progress(TextColumn("{task.description}"), *counts, console=console, speed_estimate_period=slow)
     bar.add_task("cells", total=None)
     (task,), said, lock = bar.tasks, -1, threading.Lock()
@@ -109,7 +109,7 @@ def show_progress(console: Console) -> Generator[Callable[[int, int, str], None]
 
     with bar if live else nullcontext():
         yield report
-        bar.live.transient = True  # the bar disappears, because the summary that follows says more
+        bar.live.transient = True  # the bar disappears, because the summary that is printed next says more
 
 
 class _Console(Console):
@@ -151,7 +151,7 @@ def make_console() -> Console:
 
 
 def print_line(console: Console, text: str) -> None:
-    """Print a line without control characters. Only a terminal wraps it."""
+    """Print a line without control characters. Only a terminal wraps the line."""
     console.print(escape_invisible(text), markup=False, highlight=False, soft_wrap=not console.is_terminal)
 
 

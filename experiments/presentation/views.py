@@ -1,6 +1,6 @@
 """Views of a run on a terminal: its progress, its findings, one cell, and its changes from another run.
 
-They need the folder or the `Summary` of a run. The commands `run`, `show`, `status` and `compare` call them.
+The functions here need the folder or the `Summary` of a run. The commands `run`, `show` and `compare` call them.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from impact_xval.experiments.tables.frames import Record
 from impact_xval.experiments.tables.numbers import number, percent
 from impact_xval.model.status import RESULT_STATUSES
 
-#: Names of the columns of the difference between engine and model that a ladder splits into contributions.
+#: Names for the columns with the difference between engine and model, which a ladder splits into contributions.
 _DIFFERENCE = re.compile(r"velocity_divergence|dv\d+")
 #: Largest number of reasons that `show_status` prints.
 _REASONS = 12
@@ -86,7 +86,8 @@ def rows_of_cell(folder: RunFolder, cell: int) -> list[Record]:
     rows, measures, ladder = (
         pq.read_table(path, filters=[("cell", "==", cell)]).to_pandas() for path in paths
     )
-    # The table of ladders has a difference even for rows without a result, which have no D. Its columns are renamed.
+    # The table of ladders has a difference even for rows without a result, which have no D. So its columns get other
+    # names.
     ladder = ladder.rename(columns=lambda name: f"ladder_{name}" if _DIFFERENCE.fullmatch(name) else name)
     for table in (measures, ladder):
         new = ["cell", "solver", *table.columns.difference(rows.columns, sort=False)]
@@ -98,7 +99,7 @@ def rows_of_cell(folder: RunFolder, cell: int) -> list[Record]:
 
 
 def show_cell(console: Console, cell: int, rows: list[Record]) -> None:
-    """Print a cell: the outcome of each solver, and the causes of each engine's D."""
+    """Print a cell: the outcome of each solver, and the causes of each engine's divergence D from the model."""
     axes = GRAPH_AXES if "graph" in rows[0] else CHAIN_AXES if "arrangement" in rows[0] else AXES
     balls = _shown_components(rows)
     speed = abs(rows[0]["v0"])
@@ -135,8 +136,8 @@ def show_cell(console: Console, cell: int, rows: list[Record]) -> None:
 def _shown_components(rows: list[Record]) -> list[str]:
     """List the balls, or the components of velocity of a graph, that a table of a cell shows.
 
-    The list is empty if there are too many to fit into one row. A component of a graph is in the list if a solver has a
-    number for it.
+    The list is empty if the balls or components do not fit into one row. A component of a graph is in the list if at
+    least one solver has a number for it.
     """
     if "graph" not in rows[0]:
         balls = rows[0].get("balls") or 2
@@ -149,7 +150,7 @@ def _shown_components(rows: list[Record]) -> list[str]:
 def _format_velocity(row: Record, name: str, speed: float) -> str:
     """Return a velocity per |v0| as text; a dash if there is no number.
 
-    `NO_RESULT` follows a number of a row that has no result.
+    If the row has no result, the mark `NO_RESULT` follows the number.
     """
     if row[name] is None:
         return "-"
@@ -177,7 +178,7 @@ def show_changes(console: Console, a: str, b: str, comparison: RunComparison) ->
     """Print what changed between two runs."""
 
     def shown(change: float) -> str:
-        """Return a change as text."""
+        """Return the change of a number between two runs as text."""
         return "one only" if math.isinf(change) else number(change, 2)
 
     solvers = [

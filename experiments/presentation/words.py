@@ -1,6 +1,6 @@
 """Sentences that the page of a run and several commands share, and the names and looks of solvers.
 
-It needs the list of solvers and the names of axes. The page, the figures and the terminal call it.
+The module needs the list of solvers and the names of axes. The page, the figures and the terminal call this module.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ WHAT_D_IS = (
     "are the same. D = 0.1 means that they differ by a tenth of the incoming motion."
 )
 
-#: Statement of what the comparison cannot show.
+#: Statement that says what the comparison cannot show.
 LAWS_WITH_LAWS = (
     "Contact laws are compared with one another, not with laboratory measurements. No number here says which law is "
     "nearer to a real collision."
@@ -44,7 +44,8 @@ _LOOKS = {
     "liu-zhao-brogliato": ("#5D3A9B", "*", (0, (3, 1))),
     "drake": ("#E69F00", "v", (0, (5, 1, 1, 1, 1, 1))),
 }
-#: Colours, from the muted palette of Tol, and markers of all other solvers, in the order of the list of solvers.
+#: Colours and markers of all other solvers, in the order of the list of solvers. The colours are from the muted palette
+#: of Tol.
 _COLORS = ("#882255", "#44AA99", "#999933", "#332288", "#661100", "#AA4499", "#117733", "#DDCC77")
 _MARKERS = ("P", "X", "h", ">", "p")
 
@@ -57,7 +58,7 @@ MEANINGS = {
     "discretisation": "the engine advances in time steps of finite length",
 }
 
-#: What happens in the contact graphs of an experiment, by name.
+#: Sentences that say what happens in each contact graph of an experiment, by the name of the graph.
 GRAPHS_IN_WORDS = {
     "bernoulli": "a ball falls between two equal balls at rest (bernoulli)",
     "corner": "a ball meets two walls at once (corner)",
@@ -65,7 +66,7 @@ GRAPHS_IN_WORDS = {
     "rack": "a ball strikes a rack of balls (rack)",
 }
 
-#: Mark after the numbers of a solver that has no result, and the note below a table that shows such numbers.
+#: Mark that follows the numbers of a solver without a result, and note below a table with such numbers.
 NO_RESULT = "*"
 WHAT_NO_RESULT_IS = (
     f"{NO_RESULT}: the solver ended with these numbers, but they do not count as a result. The status and the reason "
@@ -103,7 +104,10 @@ def display_name(solver: str) -> str:
 
 
 def name_solver_in(solver: str, text: str) -> str:
-    """Return a sentence on causes whose first word, the identifier of a solver, is replaced by the solver's name."""
+    """Return a sentence about causes of divergence with the name of a solver for readers in place of its first word.
+
+    The first word is the name of the solver in tables.
+    """
     identifier = next(filter(text.startswith, (solver, REFERENCE)), "")
     return display_name(identifier) + text.removeprefix(identifier)
 
@@ -119,7 +123,10 @@ def format_axis_value(value: AxisValue, digits: int = 3) -> str:
 
 
 def describe_cell(cell: Record | FrameRow, axes: Mapping[str, str] = AXES, digits: int = 3) -> str:
-    """Return the values of a cell as text, such as ``k2/k1 = 40, e1 = 0.9``, without axes on which it has no value."""
+    """Return the values of a cell as text, such as ``k2/k1 = 40, e1 = 0.9``.
+
+    Axes on which the cell has no value are left out.
+    """
     known = ((label, cell[axis]) for axis, label in axes.items() if cell[axis] is not None)
     return ", ".join(f"{label} = {format_axis_value(value, digits)}" for label, value in known)
 
@@ -144,7 +151,7 @@ def describe_chain(chain: ChainSetup) -> str:
 
 
 def describe_restitution_product(solvers: Iterable[str], e: float = 0.9) -> str:
-    """Return advice for engines that multiply the restitutions of two bodies; empty without such engines."""
+    """Return advice about engines that multiply the restitutions of two bodies; empty if there is no such engine."""
     engines = [re.split("[-:]", name)[0] for name in solvers]
     titles = [title for engine, title in _MULTIPLYING.items() if engine in engines]
     if not titles:
@@ -158,7 +165,10 @@ def describe_restitution_product(solvers: Iterable[str], e: float = 0.9) -> str:
 
 
 def describe_shared_laws(solvers: Iterable[str]) -> str:
-    """Say which solvers solve the same contact law, so that their agreement confirms nothing; empty if none do."""
+    """Say which solvers solve the same contact law; empty if no two solvers do.
+
+    The agreement of such solvers confirms nothing.
+    """
     said: list[str] = []
     for group in group_by_law(solvers).values():
         if len(group) > 1:

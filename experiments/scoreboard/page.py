@@ -27,11 +27,11 @@ TITLE = "What physics engines do when several bodies meet at once"
 PICTURED = "cradle 1 on 4"
 
 #: Thresholds of D, the distance between two outcomes. A law explains an engine whose D from it is at most `EXPLAINED`.
-#: An answer depends on the placement of the balls if another placement changes it by more than `SENSITIVE`. Two laws
-#: are equally near to an engine if their distances differ by less than `TIED`.
+#: An answer counts as dependent on the placement of the balls if another placement changes the answer by more than
+#: `SENSITIVE`. Two laws are equally near to an engine if their distances differ by less than `TIED`.
 EXPLAINED, SENSITIVE, TIED = 0.05, 0.1, 1e-9
 
-#: Words for each exact law, which follow "the engine answers".
+#: Words for each exact law. In a sentence they follow "the engine answers".
 LAW_WORDS = {
     MODEL: "as the state-transition model",
     "liu-zhao-brogliato": "as the model of Liu, Zhao and Brogliato",
@@ -58,8 +58,8 @@ GROUPS = SPRINGS, GRAINS, RIGID, AS_PEOPLE_RUN_THEM = (
     "As they ship, and as people run them",
 )
 
-#: Engines for grains (discrete element method). Their contacts of spheres are springs and dashpots too, but the board
-#: shows these engines as a separate group.
+#: Engines for grains (discrete element method). Contacts of spheres in these engines are springs and dashpots, as in
+#: other engines, but the board shows these engines as a separate group.
 _OF_GRAINS = ("lammps", "exudyn")
 
 LEAD = (
@@ -106,8 +106,8 @@ CRADLE = (
 def write_scoreboard(answers: Frame, root: Path, more: Sequence[Section] = ()) -> list[Block]:
     """Write the page and the other files of a scoreboard; return a summary for the terminal.
 
-    `answers` are the answers of all solvers to all cases. The sections `more` follow the table of the worst cases on
-    the page.
+    `answers` holds the answers of all solvers to all cases. On the page, the sections `more` follow the table of the
+    worst cases.
     """
     judged = judge_answers(answers)
     followed = find_nearest_laws(judged)
@@ -158,16 +158,16 @@ def _place_in_picture(solver: str) -> int:
 def display_engine(solver: str) -> str:
     """Return the name of a solver for a reader.
 
-    ``(mapped)`` follows the name of an engine whose contacts were set up for the law, stiffness and e asked for.
+    If the contacts of an engine were set up for the requested law, stiffness and e, ``(mapped)`` follows its name.
     """
     mapped = is_engine(solver) and law_name_of(solver) and ":" not in solver and not has_fixed_mapping(solver)
     return f"{display_name(solver)} (mapped)" if mapped else display_name(solver)
 
 
 def describe_law(row: Frame) -> str:
-    """Return words for the law by which an engine answers, from the engine's row of `judging.find_nearest_laws`.
+    """Return words for the law that an engine follows, from the engine's row of `judging.find_nearest_laws`.
 
-    If a second law is equally near, it follows after a semicolon.
+    If a second law is equally near, words for this law follow after a semicolon.
     """
     if row.farthest > EXPLAINED:
         return "as no exact law"
@@ -176,7 +176,7 @@ def describe_law(row: Frame) -> str:
 
 
 def describe_engines(followed: Frame) -> list[Block]:
-    """Return sentences on the law by which each engine answers, and on answers that depend on the placement."""
+    """Return sentences on the law that each engine follows, and on answers that depend on the placement of balls."""
     if followed.empty:
         return []
     by_law = followed.groupby(followed.apply(describe_law, axis=1), sort=False)

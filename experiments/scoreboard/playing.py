@@ -1,5 +1,7 @@
 """Collection of the answers of all solvers to the cases of the scoreboard.
 
+A case is a collision, and an answer is the outcome that a solver computes for it.
+
 Each solver answers in a separate process. If a solver crashes or hangs, only its answers are lost. The command
 `impact-xval scoreboard` calls this module.
 """
@@ -36,7 +38,7 @@ from impact_xval.experiments.tables.frames import Record
 #: Columns of the table of answers that `collect_answers` returns.
 _COLUMNS = ["solver", "version", "microseconds", "case", "e", "arrangement", "status", "reason"]
 _COLUMNS += [f"v{ball}" for ball in range(1, 6)]
-#: Longest time in s that a solver may take for one case in all arrangements.
+#: Longest time in s that a solver may take to solve one case in all arrangements.
 _LONGEST = 120.0
 
 
@@ -45,7 +47,7 @@ _Arguments = TypeVarTuple("_Arguments")
 
 
 class _Call(Protocol):
-    """Type of a function that calls another function in the process of a solver, as `Worker.call` does."""
+    """Type of a function such as `Worker.call`, which calls another function in the worker process of a solver."""
 
     def __call__(
         self, function: Callable[[None, *_Arguments], _Answer], *arguments: *_Arguments, timeout: float
@@ -55,7 +57,7 @@ class _Call(Protocol):
 def list_entrants(names: Sequence[str] = ()) -> list[str]:
     """Return the names of the solvers of a scoreboard: all exact laws, then the engines.
 
-    The engines are those in `names`, or all installed engines if `names` is empty.
+    The engines are the engines in `names`, or all installed engines if `names` is empty.
     """
     engines = filter(is_engine, solver_names(on_request=True))
     installed = (name for name in engines if get_solver(name).unavailable() is None)
@@ -76,9 +78,9 @@ def collect_answers(
     Parameters
     ----------
     names
-        Solvers that answer in this installation.
+        Solvers of this installation.
     elsewhere
-        Solvers that answer in another environment, each with that environment.
+        Solvers that run in another Python environment, each with its environment.
 
     Returns
     -------
@@ -99,7 +101,7 @@ def collect_answers(
                 for name, where in in_environments
             ]
             for done, future in enumerate(as_completed(futures), 1):
-                future.result()  # raises the error of a failed solver, which ends the command
+                future.result()  # `result` raises the error of a solver that failed, which ends the command
                 progress(done * len(CASES), len(futures) * len(CASES), "")
     except KeyboardInterrupt:
         raise InterruptedRunError("interrupted; answers are kept; the same command continues") from None
@@ -114,7 +116,7 @@ def collect_answers(
 def _answer_all_cases(
     slot: Slot[None], name: str, folder: Path, where: Environment | None = None
 ) -> list[Record]:
-    """Return the answers of a solver to every case, from the solver's file if it exists, else from its process.
+    """Return the answers of a solver to every case, from the solver's file if it exists, or else from its process.
 
     If an environment is given, the solver runs in it, in a process that ends after the last case.
     """
@@ -134,7 +136,7 @@ def _answer_all_cases(
 
 
 def _answer_or_read(call: _Call, name: str, folder: Path, installed: str, *environment: str) -> list[Record]:
-    """Return the answers of a solver from its file; without the file, ask the solver's process and write the file.
+    """Return the answers of a solver from its file; if there is no file, run the solver and write the file.
 
     The name of the file contains a hash of the versions, the cases and the settings.
     """
@@ -145,7 +147,7 @@ def _answer_or_read(call: _Call, name: str, folder: Path, installed: str, *envir
     rows: list[Record] = []
     if path.exists():
         return json.loads(path.read_text(encoding="utf-8"))
-    with contextlib.suppress(FaultError):  # each case will report the fault too
+    with contextlib.suppress(FaultError):  # the answer to each case will report this fault too
         facts["microseconds"] = call(warm_up_and_time, name, timeout=TO_PREPARE)
     for case, e in CASES:
         try:

@@ -1,4 +1,4 @@
-"""Changes between releases of an engine: the answers of each version compared with those of the version before.
+"""Changes between releases of an engine, found by comparing the answers of each version with the version before.
 
 The command `impact-xval scoreboard` calls this module if it is asked for other versions of engines (option ``--with``).
 """
@@ -27,8 +27,8 @@ ANSWERS, MOVED = "releases.parquet", "releases.csv"
 
 TITLE = "What releases changed"
 
-#: Largest change of a velocity, over |v0|, that is ignored. The comparison of a scoreboard with an earlier one ignores
-#: the same changes.
+#: Largest change of a velocity, over |v0|, that is ignored. The comparison of a scoreboard with an earlier scoreboard
+#: ignores changes up to the same size.
 TOLERANCE = 1e-6
 
 CAPTION = (
@@ -46,24 +46,24 @@ class Release:
 
     solver: str
     version: str
-    #: The last version before this one that has answers; None for the first version with answers.
+    #: The last earlier version with answers; None for the first version with answers.
     before: str | None = None
     #: Answers that changed, from `judging.list_moved_answers`, and the number of answers that were compared.
     moved: Frame | None = None
     compared: int = 0
-    #: Names of the cases that this version answers for at least one restitution e.
+    #: Names of the cases that this version solves for at least one restitution e.
     answered: frozenset[str] = frozenset()
-    #: Why this version has no answer at all; an empty text if it has answers.
+    #: Reason why this version has no answer at all; an empty text if the version has answers.
     reason: str = ""
 
     @property
     def differs(self) -> bool:
-        """Whether an answer of this version differs from the answer of the version before."""
+        """Whether at least one answer of this version differs from the version before."""
         return self.moved is not None and len(self.moved) > 0
 
 
 def compare_releases(here: Frame, elsewhere: Frame) -> list[Release]:
-    """Return the comparison of each version of every engine with the version before, in the order of version numbers.
+    """Compare each version of every engine with the version before; return the comparisons by rising version.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ def describe_releases(releases: Sequence[Release]) -> list[Block]:
 
 
 def _change_in_words(release: Release) -> str:
-    """Return words for what a release changed: the number of changed answers, and the largest change of a velocity."""
+    """Return words that tell how many answers a release changed, and the largest change of a velocity."""
     assert release.moved is not None
     largest = release.moved.iloc[0]
     return (
@@ -181,7 +181,7 @@ def _largest_changes(release: Release) -> list[str]:
         largest = changes.change.max()
         parts = [number(largest, 2)] if largest > TOLERANCE else []
         another_status = (changes.status_before != changes.status_after).any()
-        # If neither a velocity nor a status changed, only one version has an answer: the other gave up in a flight.
-        # This is shown like a change of status.
+        # If neither a velocity nor a status changed, only one of the two versions has velocities, because the other
+        # version gave up in a flight. This case is shown like a change of status.
         cells.append(" ".join([*parts, "!"] if another_status or not parts else parts))
     return cells

@@ -1,10 +1,13 @@
-"""Solution of a chunk of cells by each solver of an experiment in worker processes, and compilation of kernels before.
+"""Solution of a chunk of cells by each solver of an experiment, and compilation of the kernels that solvers need.
 
-A worker process solves the cells of a chunk by one solver at a time. If it crashes or hangs, halving the chunk finds
-the cells that are to blame (`process.in_halves`); their rows get that status, and all other cells keep their results.
+Solvers run in worker processes.
 
-No time limit of a cell includes the import of solvers and the compilation of kernels. One process compiles a kernel;
-other processes of this installation wait for its lock and then read the kernel from the cache.
+A worker process solves the cells of a chunk by one solver at a time. If the process crashes or hangs, the chunk is
+halved until the cells that cause this are found (`process.in_halves`). The rows of these cells get a status that says
+so, and all other cells keep their results.
+
+The time limit of a cell does not include the import of solvers and the compilation of kernels. One process compiles a
+kernel; other processes of this installation wait for its lock and then read the kernel from the cache.
 
 `run` calls `begin_compiling` and `solve_chunks`; the command ``solvers`` calls `ask_version`.
 """
@@ -58,12 +61,13 @@ from impact_xval.model.chain.kernel import follow_chains
 from impact_xval.model.compiled import is_compiled, kernel_cache_folder
 from impact_xval.model.pair.kernel import collide_all
 
-#: Function that Numba compiles. Numba gives no type for what `njit` returns.
+#: Function that Numba compiles. This type is defined here, because Numba defines no type for the functions that `njit`
+#: returns.
 Kernel = Any
 
-#: Time limit in seconds of the steps that follow the solvers: the rows of a chunk, the tables and pages of a run. These
-#: steps call references in closed form only. The limit of a cell does not apply to them, because tables must not depend
-#: on how busy a machine is.
+#: Time limit in seconds of the steps that follow the solvers: making the rows of a chunk, and the tables and pages of a
+#: run. These steps call only references in closed form. The time limit of a cell does not apply to these steps, because
+#: tables must not depend on how busy a machine is.
 TO_COMPLETE = 600.0
 
 _Answer = TypeVar("_Answer")
@@ -72,15 +76,15 @@ _Arguments = TypeVarTuple("_Arguments")
 
 #: Versions of the project and of solvers, by name.
 Versions = dict[str, str]
-#: Beginning of the text that stands in place of the version of a solver that cannot run here. The reason follows it.
+#: Beginning of the text in place of a version, for a solver that cannot run here. The reason follows this beginning.
 UNAVAILABLE = "unavailable: "
 
 
 def begin_compiling(pool: SlotPool[Experiment], experiment: Experiment) -> None:
-    """Let two workers compile the kernels that are missing in the cache.
+    """Let two worker processes compile the kernels that are missing in the cache.
 
     One worker compiles the kernel of chains, which takes as long as all other kernels together. The other worker
-    compiles those.
+    compiles all other kernels.
     """
     kind = experiment.layout.kind
     chains: list[str] = []
@@ -101,10 +105,10 @@ def _compile_in(slot: Slot[Experiment], names: Sequence[str], kind: CellKind) ->
 def warm(_: object, resolve: Resolve, name: str, kind: CellKind) -> bool:
     """Solve ordinary cells by a solver, so that its modules are imported and its kernels compiled.
 
-    Return whether any kernel was compiled. If so, the process should be replaced: its results may differ in the last
-    bit from the results of processes that read the kernels from the cache. The reason is that helper functions are weak
-    symbols of a kernel. A process that has just compiled a helper by itself links this copy, which was optimised
-    without the code around it.
+    Return whether any kernel was compiled. A process that has compiled a kernel should be replaced, because its results
+    may differ in the last bit from those of processes that read the kernel from the cache. The reason is that helper
+    functions are weak symbols of a kernel. A process that has just compiled a helper links its own copy of the helper,
+    which was optimised without the code around it.
     """
     experiment, blocks = _ordinary_cells(resolve, kind)
     with event.install_recorder("numba:compile") as compiled, _lock_kernels(*kernels_of(name, kind)):
@@ -118,9 +122,10 @@ def warm(_: object, resolve: Resolve, name: str, kind: CellKind) -> bool:
 def compile_own(_: object, resolve: Resolve, names: Sequence[str], kind: CellKind) -> None:
     """Compile the kernel of each named solver by solving ordinary cells with this solver alone.
 
-    The solvers mark no outcomes here, because marks need the kernels of other solvers. Another process can compile
-    those at the same time. With the model's kernel, the kernel of distances between impulse curves is compiled too,
-    from empty curves: the comparison of every other solver with the model needs it.
+    The solvers do not check here whether outcomes lie next to a jump, because this check needs the kernels of other
+    solvers. Another process can compile these other kernels at the same time. Together with the model's kernel, the
+    kernel of distances between impulse curves is compiled, by a call with empty curves. Every comparison of another
+    solver with the model needs this kernel.
     """
     experiment, blocks = _ordinary_cells(resolve, kind)
     alone = replace(settings_of(experiment.config), mark=False)
@@ -139,8 +144,8 @@ def compile_own(_: object, resolve: Resolve, names: Sequence[str], kind: CellKin
 def _ordinary_cells(resolve: Resolve, kind: CellKind) -> tuple[Experiment, list[CellBlock]]:
     """Return an experiment whose cells any solver solves quickly, with a block of one cell and a block of two.
 
-    Numba compiles a kernel once for contiguous arrays and once for others. The column of an array with a single row is
-    contiguous, that of an array with two rows is not, so both blocks are needed.
+    Numba compiles a kernel once for contiguous arrays and once for other arrays. In an array with a single row, a
+    column is contiguous. In an array with two rows, a column is not contiguous. So both blocks are needed.
     """
     designs: dict[CellKind, TomlTable] = {
         "pair": {"grid": {"stiffness_ratio": [1.0, 2.0], "mass_ratio": [2.0], "e1": [0.9], "e2": [0.7]}},
@@ -154,7 +159,7 @@ def _ordinary_cells(resolve: Resolve, kind: CellKind) -> tuple[Experiment, list[
 
 @contextlib.contextmanager
 def _lock_kernels(*kernels: Kernel) -> Generator[None]:
-    """Hold the file locks of those kernels that are not compiled yet.
+    """Hold the file locks of all given kernels that are not compiled yet, while the `with` block runs.
 
     Every process takes the locks in the order of the kernels' names, so that two processes never wait for each other.
     """
@@ -170,7 +175,8 @@ def _lock_kernels(*kernels: Kernel) -> Generator[None]:
 def kernels_of(name: str, kind: CellKind) -> list[Kernel]:
     """Return the kernels that the rows of a solver need, with the solver's own kernel first.
 
-    References need the kernel of chains, and so do engines, because the marks of their outcomes come from references.
+    References and engines need the kernel of chains. Engines need it because references find out whether an engine's
+    outcome lies next to a jump.
     """
     if kind == "graph":
         # Cells of balls in a line need none of the kernels of graphs, which take a while to import.
@@ -198,22 +204,23 @@ def are_compiled(name: str, kind: CellKind) -> bool:
 class Report:
     """Result of solving a chunk of cells."""
 
-    #: Number of the chunk, and of the part with its rows.
+    #: Number of the chunk, which is also the number of the part, the file with the rows of the chunk.
     number: int
-    #: Content of the part, a Parquet file with the rows of the chunk, ordered by cell and then by solver.
+    #: Bytes of the part, which is a Parquet file with the rows of the chunk, ordered by cell and then by solver.
     data: bytes
     #: Wall time in s by solver.
     seconds: dict[str, float]
     #: Versions of the solvers on the machine that computed the chunk.
     versions: Versions
-    #: Number of worker processes that died, or were ended because they took too long.
+    #: Number of worker processes that died, or were ended because they took too long, during this chunk.
     faults: int
 
 
 def solve_chunks(pool: SlotPool[Experiment], chunks: Iterable[tuple[int, CellBlock]]) -> Iterator[Report]:
     """Solve numbered chunks of cells and yield their reports in the order in which they are finished.
 
-    Twice as many chunks as there are workers are submitted at a time, so that no worker waits for its next chunk.
+    The number of chunks that are submitted at a time is twice the number of workers, so that no worker has to wait for
+    its next chunk.
     """
     return answers_in_flight(
         lambda chunk: pool.submit(solve_chunk, *chunk), chunks, lambda: max(2, 2 * pool.workers)
@@ -223,7 +230,7 @@ def solve_chunks(pool: SlotPool[Experiment], chunks: Iterable[tuple[int, CellBlo
 def solve_chunk(slot: Slot[Experiment], number: int, block: CellBlock) -> Report:
     """Solve a chunk of cells by each solver of the experiment, and return its rows in a report.
 
-    A solver that crashes, hangs or cannot run here still gets its rows: they say why it has no results.
+    A solver that crashes, hangs or cannot run here gets rows too. These rows say why there are no results.
     """
     experiment = slot.context
     chunk = Chunk(slot, block)
@@ -236,7 +243,7 @@ def solve_chunk(slot: Slot[Experiment], number: int, block: CellBlock) -> Report
 
 
 class Chunk:
-    """Chunk of cells that the worker processes of a slot solve; counts of time and crashes so far."""
+    """Chunk of cells that the worker processes of a slot solve, with the time and the crashes so far."""
 
     def __init__(self, slot: Slot[Experiment], block: CellBlock) -> None:
         self._slot, self._cells = slot, block
@@ -247,7 +254,10 @@ class Chunk:
         self.faults = 0
 
     def solve_by_model(self) -> SolverResults:
-        """Solve the cells by the model and return its results; a cell whose process dies has this as its status."""
+        """Solve the cells by the model and return its results.
+
+        If the process dies in a cell, the status of the cell says so.
+        """
 
         def solve(place: slice) -> SolverResults:
             return self._call_solver(REFERENCE, solve_by_model, self._cells[place])
@@ -261,7 +271,8 @@ class Chunk:
     def solve_and_compare(self, name: str, model: SolverResults) -> Comparison:
         """Solve the cells by a solver and return the comparison of its results with the model's.
 
-        A cell whose process dies has this as its status. If the solver cannot run here, all cells say why.
+        If the process dies in a cell, the status of the cell says so. If the solver cannot run here, the reason stands
+        in all cells.
         """
 
         def solve(place: slice) -> Comparison:
@@ -280,8 +291,8 @@ class Chunk:
     def rows(self, comparisons: Mapping[str, Comparison]) -> pa.Table:
         """Return the rows of the cells, ordered by cell and then by solver.
 
-        Ladders split the divergence of engines into contributions. If they fail in a cell, the rows of this cell have
-        no ladders and say why.
+        Ladders split the divergence of engines into contributions. If the ladders of a cell cannot be computed, the
+        rows of this cell have no ladders and say why.
         """
 
         def of(place: slice) -> dict[str, Comparison]:
@@ -307,7 +318,7 @@ class Chunk:
     ) -> _Answer:
         """Return the result of a function in the worker process of a solver, within the time limit of a cell.
 
-        The process is made ready for the solver first, outside of this limit.
+        The process is first made ready for the solver. The time limit does not include this.
         """
         experiment = self._experiment
         self._slot.prepare(name, warm, experiment.resolve, name, experiment.layout.kind)
@@ -337,8 +348,8 @@ class Chunk:
 def solver_versions(slot: Slot[Experiment]) -> Versions:
     """Return the versions of the project and of every solver of the experiment, by name.
 
-    The solvers are asked at the first call only. A solver that cannot run here has `UNAVAILABLE` and the reason in
-    place of its version.
+    Only the first call asks the solvers for their versions. For a solver that cannot run here, `UNAVAILABLE` and the
+    reason stand in place of the version.
     """
     if not slot.versions:
         found = {"impact-xval": version("impact-xval")}
@@ -352,7 +363,7 @@ def solver_versions(slot: Slot[Experiment]) -> Versions:
 def ask_version(slot: Slot[_Context], resolve: Resolve, name: str) -> tuple[str, str | None]:
     """Return the version of a solver and the reason why it cannot run here, or None if it can.
 
-    The worker process of the solver answers.
+    Both come from the worker process of the solver.
     """
     return retry_once(
         lambda: slot.call(name, _version_and_reason, resolve, name, timeout=TO_STATE),

@@ -1,6 +1,7 @@
-"""Table of the curves that a run keeps for its figures, by every solver: of one pair, or of one chain.
+"""Table of the curves that a run keeps for its figures: the curves of one pair or one chain, by every solver.
 
-Of a pair the table has impulse curves, of a chain the forces over time. `run` calls `write_curves` at the end of a run.
+For a pair the table has impulse curves, for a chain it has forces over time. `run` calls `write_curves` at the end of a
+run.
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ from impact_xval.model.status import RESULT_STATUSES
 #: Name of the file of curves in the folder of a run.
 CURVES = "curves.parquet"
 
-#: Largest distance between a force and the straight lines by which it is drawn, over the largest force. It is less than
-#: the width of a line in a figure.
+#: Largest distance between a force and the straight lines that are drawn in its place, over the largest force. This
+#: distance is less than the width of a line in a figure.
 _STRAIGHT = 1e-3
 
 #: Schema of the table of curves: one row per solver.
@@ -50,7 +51,9 @@ CURVES_SCHEMA = arrow_schema(
 
 
 def write_curves(config: Config, folder: RunFolder, pool: SlotPool[Experiment]) -> None:
-    """Solve the pair or chain of the figures by every solver and write its curves into the folder of a run.
+    """Solve the one pair or chain that the figures of a run show, by every solver, and write the curves into a file.
+
+    The file lies in the folder of the run.
 
     For an experiment with contact graphs the table of curves is empty.
     """
@@ -64,7 +67,7 @@ def write_curves(config: Config, folder: RunFolder, pool: SlotPool[Experiment]) 
 def _solve_curves(slot: Slot[Experiment], name: str, timeout: float) -> Record:
     """Return the row of curves of a solver, computed in the worker process of the solver.
 
-    If the process fails, the row has the status and the reason and no curves.
+    If the process fails, the row has the status and the reason of the failure and no curves.
     """
 
     def call() -> Record:
@@ -78,7 +81,7 @@ def _solve_curves(slot: Slot[Experiment], name: str, timeout: float) -> Record:
 
 
 def _curves_of_solver(experiment: Experiment, name: str) -> Record:
-    """Solve the pair or chain of the figures by a solver and return its row of curves.
+    """Solve the one pair or chain that the figures show by a solver, and return the solver's row of curves.
 
     The row has the final velocities. If the outcome has a path, the row also has the impulses of a pair or the forces
     of a chain.
@@ -107,8 +110,9 @@ def points_to_keep(time: np.ndarray, forces: np.ndarray) -> np.ndarray:
     """Return the indices of points that are enough to draw forces over time by straight lines.
 
     The lines follow the forces within `_STRAIGHT` times the largest force, and the peak of every force is kept. The
-    method is that of Ramer, Douglas and Peucker: of the points between two kept ones, the point farthest from their
-    line is kept too, until no point is too far from a line.
+    method is the one of Ramer, Douglas and Peucker. It draws a line between two points that are kept. Of the points
+    between them, it keeps the point that is farthest from this line. It repeats this until no point is too far from a
+    line.
 
     Parameters
     ----------

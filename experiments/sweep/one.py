@@ -1,6 +1,6 @@
-"""Solution of one collision by several solvers in worker processes, each solver within a time limit.
+"""Solution of one collision by several solvers in worker processes. Every solver has a time limit.
 
-The calling process imports no engine and no compiled code. It can therefore be interrupted at any time, and it reads
+The calling process imports no engine and no compiled code. It can therefore be interrupted at any time, and can read
 its input while the worker processes start. The command ``solve``, `impact_xval.compare` and the explorer use this
 module: they call `open_solvers_apart`, and then `SolversApart.solve` or `SolversApart.solve_graph`.
 """
@@ -38,7 +38,8 @@ class SolversApart:
 
     def __init__(self, pool: SlotPool[None], begun: Future[bool]) -> None:
         self._pool, self._begun = pool, begun
-        #: Versions of the solvers by name. `solve` adds them; a solver that crashed or took too long has none.
+        #: Versions of the solvers by name, which `solve` adds. The version is missing if a solver crashed or took too
+        #: long.
         self.versions: dict[str, str] = {}
 
     def solve(
@@ -119,11 +120,12 @@ class SolversApart:
         solve: Callable[[Slot[None], str], tuple[_Answer, str]],
         fail: Callable[[str, FaultError], _Answer],
     ) -> dict[str, _Answer]:
-        """Make each solver ready, let it solve, and return the outcomes by name.
+        """Make the process ready for each solver, let the solver solve, and return the outcomes by name.
 
         If a solver crashes or takes too long, `fail` returns its outcome.
         """
-        with contextlib.suppress(FaultError):  # a solver that fails here fails again below, with an outcome
+        # A fault is ignored here. The solver fails again below, where its outcome records the failure.
+        with contextlib.suppress(FaultError):
             if not self._begun.result():
                 say("")
         ended = f"has taken {{:.0f}} s; it is ended after {TO_PREPARE:g} s"
@@ -146,9 +148,10 @@ class SolversApart:
         function: Callable[[Slot[None], str], _Answer],
         name: str,
     ) -> _Answer:
-        """Return the result of a function for a solver, which a thread of the pool calls.
+        """Let a thread of the pool call a function for a solver, and return the result of the function.
 
-        Every `_SAY` seconds `say` is called with the line, into which the seconds so far are formatted.
+        Until the result is there, `say` is called every `_SAY` seconds with the line. The number of seconds so far is
+        formatted into the line.
         """
         start, called = time.monotonic(), self._pool.submit(function, name)
         while not wait([called], _SAY).done:
@@ -160,9 +163,9 @@ class SolversApart:
 def open_solvers_apart(
     names: Sequence[str], *, chains: bool = False, graphs: bool = False
 ) -> Generator[SolversApart]:
-    """Start a worker process that imports solvers, and yield the object that solves collisions with them.
+    """Start a worker process that imports solvers, and yield the object that solves collisions by these solvers.
 
-    The process imports solvers while the block goes on, and is ended with the block.
+    The process imports solvers while the `with` block goes on. It is ended at the end of the block.
 
     Parameters
     ----------
@@ -184,7 +187,7 @@ def open_solvers_apart(
 
 
 def _import_solvers(_: object, names: Sequence[str], kind: CellKind) -> bool:
-    """Import the solvers of this project; return whether the kernels that the named solvers need are all compiled."""
+    """Import this project's solvers; return whether all kernels that the named solvers need are compiled."""
     from impact_xval.experiments.sweep.chunk import are_compiled
 
     for name in filter(is_ours, names):
@@ -195,8 +198,8 @@ def _import_solvers(_: object, names: Sequence[str], kind: CellKind) -> bool:
 def _warm_up(_: object, resolve: Resolve, name: str, kind: CellKind) -> bool:
     """Make the process ready for a solver; return whether any kernels were compiled.
 
-    If the solver is one of this project and its kernels are compiled, importing it is enough: it reads the kernels from
-    the cache when it solves.
+    If the solver belongs to this project and its kernels are compiled, the process only imports the solver. The solver
+    then reads the kernels from the cache when it solves.
     """
     from impact_xval.experiments.sweep.chunk import are_compiled, warm
 
@@ -207,7 +210,7 @@ def _warm_up(_: object, resolve: Resolve, name: str, kind: CellKind) -> bool:
 
 
 def _are_graphs_compiled(_: object) -> bool:
-    """Return whether the kernels that solve contact graphs are compiled, and import them."""
+    """Import the kernels that solve contact graphs, and return whether they are compiled."""
     from impact_xval.model.compiled import is_compiled
     from impact_xval.model.graph.in_time.kernel import follow_timed_graphs
     from impact_xval.model.graph.kernel import follow_graphs
@@ -218,7 +221,7 @@ def _are_graphs_compiled(_: object) -> bool:
 def _warm_graphs(_: object, resolve: Resolve, name: str) -> bool:
     """Let a solver of this project solve a graph, so that its kernel is compiled before any time limit applies.
 
-    Engines and solvers of plug-ins are not called. Return whether the solver was called.
+    Return whether the solver was called. Engines and solvers of plug-ins are not called.
     """
     from impact_xval.compliant_baselines.solver import Settings
     from impact_xval.model.graph import box
@@ -257,7 +260,7 @@ def _outcome_and_version(
     path = outcome.path
     if not points or path is None:
         return outcome, stated_version(solver)
-    # A path of many balls is too large to send quickly: evenly spaced points are kept, both ends among them.
+    # A path of many balls is too large to send quickly. So only evenly spaced points are kept, both ends among them.
     kept = np.unique(np.linspace(0, len(path.time) - 1, points).astype(int))
     fewer = Path(*(getattr(path, each.name)[kept] for each in dataclasses.fields(Path)))
     return dataclasses.replace(outcome, path=fewer), stated_version(solver)

@@ -1,7 +1,7 @@
 """Pools of threads that do the work of a sweep, in this process or on a Dask cluster.
 
-Each thread has a `Slot`: the worker processes that it uses, and no other thread does. A pool calls a submitted function
-as ``function(slot, *arguments)`` in one of its threads. No result depends on the machine or on the number of threads.
+Each thread has a `Slot`, which holds worker processes that no other thread uses. A pool calls a submitted function as
+``function(slot, *arguments)`` in one of its threads. No result depends on the machine or on the number of threads.
 
 `open_pool` makes a pool, and `cluster` connects to Dask. `run`, `one` and `scoreboard.playing` use this module.
 """
@@ -39,8 +39,9 @@ _Context = TypeVar("_Context")
 _Arguments = TypeVarTuple("_Arguments")
 _Parameters = ParamSpec("_Parameters")
 
-#: Time limits in seconds. `TO_PREPARE`: to make a process ready for a solver of this project, including the compilation
-#: of kernels. `TO_STATE`: to make it ready for a solver of a plug-in, and for any solver to state its version.
+#: Time limits in seconds. `TO_PREPARE` is the limit for making a process ready for a solver of this project, including
+#: the compilation of kernels. `TO_STATE` is the limit for making a process ready for a solver of a plug-in, and for
+#: asking any solver for its version.
 TO_PREPARE, TO_STATE = 900.0, 60.0
 #: Seconds to wait for the answer of a Dask scheduler.
 _TO_CONNECT = 10
@@ -49,12 +50,12 @@ _TO_CONNECT = 10
 class Slot(Generic[_Context]):
     """Worker processes that belong to one thread of a pool.
 
-    One worker runs the solvers of this project, and one worker the solvers of each installed plug-in. So the crash of a
-    plug-in costs cells of that plug-in only. There is one more worker for each of the `interpreters`, the Python
-    programs of other environments; `worker_of` returns it.
+    One worker runs the solvers of this project. Each installed plug-in has another worker for its solvers. So if a
+    plug-in crashes, only cells of this plug-in are lost. `interpreters` are the Python programs of other environments.
+    Each of them has one more worker, which `worker_of` returns.
 
-    Without `isolate` there are no worker processes: every function is called in this process. This is meant for
-    debugging solvers and for quick tests.
+    If `isolate` is false, there are no worker processes, and every function is called in this process. This is meant
+    for debugging solvers and for quick tests.
     """
 
     def __init__(
@@ -74,7 +75,7 @@ class Slot(Generic[_Context]):
         self.versions: dict[str, str] = {}
 
     def start(self) -> None:
-        """Start the worker process of the project's solvers; the caller need not wait for it."""
+        """Start the worker process of the project's solvers. The caller does not wait until it has started."""
         if self.isolate:
             self._worker(None).start()
 
@@ -87,7 +88,7 @@ class Slot(Generic[_Context]):
     ) -> _Answer:
         """Return ``function(context, *arguments)``, computed in the worker process of a solver (`Worker.call`).
 
-        Without a solver, the worker process of the project's solvers computes it.
+        If no solver is given, the worker process of the project's solvers computes the value.
         """
         if not self.isolate:
             return function(self.context, *arguments)
@@ -98,9 +99,10 @@ class Slot(Generic[_Context]):
     ) -> None:
         """Call a function that makes the solver's process ready, once in each process.
 
-        The function returns whether it has compiled kernels (`chunk.warm`). If it has, the process is replaced by one
-        that reads these kernels from the cache. After two processes have died in this call, it is not made again: the
-        solver's cells then fail in the same way, and their rows say so.
+        The function returns whether it has compiled kernels (`chunk.warm`). If the function has compiled kernels, the
+        process is replaced by another process, which reads these kernels from the cache. If two processes die in this
+        call, the function is not called again for the solver. The solver's cells then fail in the same way, and their
+        rows say so.
         """
         worker, replaced = self._worker(solver), False
         limit = TO_PREPARE if is_ours(solver) else TO_STATE
@@ -112,7 +114,7 @@ class Slot(Generic[_Context]):
                 continue
             if compiled and not replaced:
                 worker.end()
-                replaced = True  # only once: if the cache cannot be written, the next process compiles too
+                replaced = True  # replace it only once: if the cache cannot be written, the next process compiles too
             else:
                 worker.ready.add(solver)
 
@@ -120,14 +122,14 @@ class Slot(Generic[_Context]):
         """Call a function that compiles kernels in the worker process of the project's solvers, and end that process.
 
         The next call starts a new process, which reads the kernels from the cache. If the process dies while it
-        compiles, nothing is raised here: the cells that need the kernels fail later, and their rows say so.
+        compiles, no error is raised here. The cells that need the kernels fail later, and their rows say so.
         """
         with suppress(FaultError):
             self.call(None, function, *arguments, timeout=TO_PREPARE)
         self._worker(None).end()
 
     def close(self) -> None:
-        """End all worker processes for good, even during a call; any thread may do so at any time."""
+        """End all worker processes for good, even during a call. Any thread may call this method at any time."""
         for worker in (*self._workers.values(), *self._elsewhere.values()):
             worker.close()
 
@@ -140,7 +142,7 @@ class Slot(Generic[_Context]):
 
 
 class _AtOnce(Executor):
-    """Executor that calls functions at once in the caller's thread; a solver that crashes ends this process."""
+    """Executor that calls functions at once in the caller's thread. If a solver crashes, this process ends."""
 
     def submit(
         self, fn: Callable[_Parameters, _Answer], /, *args: _Parameters.args, **kwargs: _Parameters.kwargs
@@ -174,14 +176,15 @@ class SlotPool(Protocol[_Context]):
         ...
 
     def close(self, *, now: bool = False) -> None:
-        """End the threads and their worker processes, with `now` even during calls; else after the last call."""
+        """End the threads and their worker processes: with `now` at once, otherwise after their last calls."""
         ...
 
 
 class Pool(Generic[_Context]):
     """Pool of threads in this process, each with a `Slot`.
 
-    If the slots are not isolated, there are no threads: functions are called in the caller's thread.
+    If the slots have no worker processes (`isolate` is false), the pool has no threads. Functions are then called in
+    the caller's thread.
     """
 
     def __init__(self, make_slot: Callable[[], Slot[_Context]], workers: int) -> None:
@@ -191,8 +194,8 @@ class Pool(Generic[_Context]):
         self._unused: queue.SimpleQueue[Slot[_Context]] = queue.SimpleQueue()
         for slot in self._slots:
             self._unused.put(slot)
-            # A thread of the pool starts the process, because a process ends with the thread that started it. The
-            # threads live as long as the pool.
+            # The process is started by a thread of the pool, because a process ends with the thread that started it.
+            # The threads of the pool live as long as the pool.
             self._threads.submit(slot.start)
 
     def submit(
@@ -204,11 +207,11 @@ class Pool(Generic[_Context]):
     def here(
         self, function: Callable[[Slot[_Context], *_Arguments], _Answer], *arguments: *_Arguments
     ) -> Future[_Answer]:
-        """Call `submit`: all threads of this pool are on this machine."""
+        """Call `submit`, because all threads of this pool are on this machine."""
         return self.submit(function, *arguments)
 
     def close(self, *, now: bool = False) -> None:
-        """End the threads and their worker processes, with `now` even during calls; else after the last call."""
+        """End the threads and their worker processes: with `now` at once, otherwise after their last calls."""
         self._threads.shutdown(wait=not now, cancel_futures=now)
         for slot in self._slots:
             slot.close()
@@ -225,7 +228,7 @@ class Pool(Generic[_Context]):
 
 
 class _HasAddress(Protocol):
-    """Scheduler of a cluster; only its address is used here."""
+    """Scheduler of a Dask cluster. Only the address of the scheduler is used here."""
 
     address: str
 
@@ -240,35 +243,36 @@ class ClusterClient(Protocol):
     status: str
 
     def wait_for_workers(self, n_workers: int) -> None:
-        """Wait until the cluster has at least `n_workers` workers."""
+        """Wait until the Dask cluster has at least `n_workers` workers."""
         ...
 
     def get_executor(self, *, pure: bool) -> Executor:
-        """Return an executor of the cluster; with `pure` False, equal calls are all made and no result is reused."""
+        """Return an executor of the cluster. If `pure` is false, results of equal calls are not reused."""
         ...
 
     def nthreads(self) -> Mapping[str, int]:
-        """Return the number of threads of every worker."""
+        """Return the number of threads of every worker of the Dask cluster."""
         ...
 
     def run(self, function: Callable[[str], None], run: str, *, on_error: str) -> object:
-        """Call a function in every worker."""
+        """Call a function in every worker process of the Dask cluster."""
         ...
 
     def close(self, timeout: float) -> None:
-        """Leave the cluster."""
+        """Close the connection to the cluster."""
         ...
 
 
 class _Dask(Generic[_Context]):
     """Pool of the threads of a Dask cluster's workers.
 
-    The threads call solvers in worker processes of this project, so a crash of a solver never ends a worker of Dask.
+    The threads call solvers in worker processes of this project. So a solver that crashes never ends a worker of Dask.
     """
 
     def __init__(self, client: ClusterClient, context: _Context, say: Callable[[str], None]) -> None:
         self._client, self._run = client, uuid.uuid4().hex
-        #: Makes a slot on a worker of the cluster. It can be pickled, which a function defined in here could not.
+        #: Makes a slot on a worker of the cluster. This `partial` can be pickled. A function that is defined inside a
+        #: method could not be pickled.
         self._make_slot: Callable[[], Slot[_Context]] = partial(Slot, context)
         address = client.scheduler.address
         say(f"Dask cluster at {address}: {self.workers} worker threads")
@@ -299,8 +303,8 @@ class _Dask(Generic[_Context]):
             self._client.run(_end_on_worker, self._run, on_error="ignore")
 
 
-#: Slots in a worker process of Dask, by the id of a run and then by thread; None in place of the slots once the run is
-#: over. The threads live as long as the process.
+#: Slots in a worker process of Dask, by the id of a run and then by thread. When a run is over, None stands in place of
+#: its slots. The threads live as long as the process.
 _slots: dict[str, dict[int, Slot[Any]] | None] = {}
 _lock = threading.Lock()
 
@@ -339,21 +343,21 @@ def open_pool(
     log: Path | None = None,
     interpreters: Sequence[Path] = (),
 ) -> Generator[SlotPool[_Context]]:
-    """Yield a pool of threads in this process, or of a Dask cluster if there is a client.
+    """Yield a pool of threads in this process, or, if there is a client, a pool of threads on a Dask cluster.
 
-    When the block ends, the pool ends its threads and worker processes: after their last call, or at once if the block
-    ends by an error.
+    When the `with` block ends, the pool ends its threads and worker processes. It waits for their last calls, unless
+    the block ends by an error.
 
     Parameters
     ----------
     context, log, isolate, interpreters
-        Arguments of every `Slot` in this process. Slots on a cluster get the context alone.
+        Arguments of every `Slot` in this process. Slots on a cluster get only the context.
     workers : int
-        Number of threads in this process; a cluster has its own number.
+        Number of threads in this process. The number of threads on a cluster is the cluster's own.
     client : ClusterClient, optional
         Client of a Dask cluster.
     say : callable
-        Called with lines about the cluster that the user should read.
+        Function that is called with lines about the cluster, which the user should read.
     """
     pool: SlotPool[_Context]
     if client is None:
@@ -420,8 +424,8 @@ def answers_in_flight(
 ) -> Iterator[_Answer]:
     """Submit tasks and yield their answers in the order in which they arrive.
 
-    At most `capacity()` tasks are submitted and unanswered at a time. The next task is taken from the iterable only
-    when it can be submitted.
+    At most `capacity()` tasks are submitted at a time and wait for their answers. The next task is taken from the
+    iterable only when it can be submitted.
     """
     pending: set[Future[_Answer]] = set()
     for task in tasks:

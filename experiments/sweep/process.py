@@ -4,10 +4,10 @@
 `serve`. `in_halves` and `retry_once` repeat calls whose process died. `pool` and `chunk` use this module.
 
 A worker process is not a `multiprocessing.Process`, for two reasons. A Dask worker is a daemon, which may not start
-such a process. And the process would import the caller's main script again.
+such a process. And such a process would import the caller's main script again.
 
-Numerical libraries have one thread in each worker process. Cells are shared out to processes instead, and no result may
-depend on the number of threads.
+Numerical libraries have one thread in each worker process. Instead, several processes solve cells at the same time.
+Also, no result may depend on the number of threads of a library.
 """
 
 from __future__ import annotations
@@ -42,28 +42,30 @@ _THREADS = (
     "MKL_NUM_THREADS",
     "ARROW_NUM_THREADS",
 )
-#: Environment variable that keeps MuJoCo from looking for a window system. The search takes a third of the time to
-#: import MuJoCo. It also starts a process, which prints a traceback if the importing process is ended.
+#: Environment variable that keeps MuJoCo from looking for a window system. The search for a window system takes a third
+#: of the time to import MuJoCo. It also starts a process, which prints a traceback if the importing process is ended.
 NO_WINDOW = {"MUJOCO_GL": "disable"}
 #: File of the package `impact_xval` that runs here.
 _PROJECT = Path(__file__).parents[2] / "__init__.py"
-#: Code by which the interpreter of another environment imports that file. The folder around the file is not added to
-#: its search path, because the packages there have other versions.
+#: Code by which the interpreter of another environment imports the package `impact_xval` that runs here. The folder
+#: around the package is not added to the interpreter's search path, because the packages in this folder have other
+#: versions.
 _IMPORT_PROJECT = (
     "import importlib.util as u, sys; s = u.spec_from_file_location('impact_xval', {!r}); "
     "sys.modules['impact_xval'] = m = u.module_from_spec(s); s.loader.exec_module(m)"
 )
-#: Score of a worker process when memory runs out. Linux first ends the process with the highest score: the score makes
-#: that a worker process, not the main process.
+#: Score of a worker process for the case that memory runs out. Linux first ends the process with the highest score.
+#: With this score it ends a worker process, and not the main process.
 _OOM_SCORE = "600"
-#: Seconds that a process gets to exit by itself after its socket has closed. Then its exit code tells why it ended.
+#: Seconds that a process gets to exit by itself after its socket has closed. If it exits by itself, its exit code tells
+#: why it ended.
 _TO_EXIT = 10.0
 #: Option of Linux's `prctl`: sets the signal that a process gets when the thread that started it ends.
 _PR_SET_PDEATHSIG = 1
 
 
 class FaultError(Exception):
-    """Death of a worker process, or no answer within its time limit; the same fault always gives the same reason."""
+    """Error for a worker process that died or did not answer in time; the same fault always gives the same reason."""
 
     def __init__(self, status: Status, reason: str) -> None:
         super().__init__(reason)
@@ -72,11 +74,11 @@ class FaultError(Exception):
 
 
 class ClosedError(Exception):
-    """A call to a worker that was closed before the call or during it."""
+    """Error for a call to a worker that is closed before or during the call."""
 
 
 class WorkerError(Exception):
-    """Unexpected exception in a worker process, which is a bug; the text is the traceback of that process."""
+    """Error for an unexpected exception in a worker process, which is a bug. The text is the traceback there."""
 
 
 class Worker(Generic[_Context]):
@@ -87,26 +89,27 @@ class Worker(Generic[_Context]):
     Parameters
     ----------
     context
-        First argument of every function that the process calls. It is sent once to each process.
+        First argument of every function that the process calls. The context is sent only once to each process.
     log : Path, optional
         File to which the standard error of the process is appended.
     python : Path, optional
-        Interpreter of another environment with the same version of Python. The process imports other packages from that
-        environment, and this project from where it runs here. So the environment need not be made again when the code
-        of the project changes.
+        Interpreter of another environment with the same version of Python. The process imports this project from its
+        present place, and all other packages from the other environment. So the environment need not be made again when
+        the code of the project changes.
 
     On Linux the process ends with the thread that started it. That thread must live as long as the worker.
     """
 
     def __init__(self, context: _Context, log: Path | None = None, python: Path | None = None) -> None:
         self.context, self._log, self._python = context, log, python
-        #: Names of the solvers for which the present process is ready. The caller adds them; a new process has none.
+        #: Names of the solvers for which the present process is ready. The caller adds these names. For a new process
+        #: there are none.
         self.ready: set[str] = set()
         self._lock, self._closed = threading.Lock(), False
         self._running: tuple[subprocess.Popen[bytes], Connection] | None = None
 
     def start(self) -> tuple[subprocess.Popen[bytes], Connection]:
-        """Start the process if there is none, and return it with this end of its sockets.
+        """Start the process if there is none; return the process and this end of its pair of sockets.
 
         The process imports the modules that the context needs while the caller goes on.
         """
@@ -115,7 +118,7 @@ class Worker(Generic[_Context]):
                 raise ClosedError
             if self._running is None:
                 self._running = _start_process(self._log, self._python)
-                with contextlib.suppress(OSError):  # the process has ended: the next call finds that out
+                with contextlib.suppress(OSError):  # the process has ended, which the next call will find out
                     self._running[1].send(self.context)
             return self._running
 
@@ -160,7 +163,10 @@ class Worker(Generic[_Context]):
         raise ClosedError if self._closed else fault
 
     def end(self) -> None:
-        """End the process; the next call starts another one. Only the thread that makes the calls may end it so."""
+        """End the process; the next call starts another process.
+
+        Only the thread that makes the calls may call this method.
+        """
         if self._running is not None:
             process, pipe = self._running
             _end_process(process)
@@ -169,7 +175,7 @@ class Worker(Generic[_Context]):
             self._running = None
 
     def close(self) -> None:
-        """End the process for good, even during a call; any thread may do so at any time."""
+        """End the process for good, even during a call. Any thread may call this method at any time."""
         with self._lock:
             self._closed = True
             if self._running is not None:
@@ -179,11 +185,11 @@ class Worker(Generic[_Context]):
 def in_halves(
     call: Callable[[slice], _Piece], n: int, failure: Callable[[slice, FaultError], _Piece]
 ) -> list[_Piece]:
-    """Return the answers of a call for n cells, one answer for each range of cells that succeeded, in order.
+    """Call a function for n cells, and return its answers in order, one for each range of cells that succeeded.
 
     The first call is for all cells at once. If the process dies or hangs, the range of cells is split into halves, down
-    to single cells. A call for a single cell is tried again after a crash (`retry_once`). If it fails for good,
-    `failure` returns the answer in its place.
+    to single cells. A call for a single cell is tried again after a crash (`retry_once`). If the single cell fails
+    again, `failure` returns the answer in place of the call.
     """
 
     def pieces(start: int, stop: int) -> list[_Piece]:
@@ -202,8 +208,8 @@ def in_halves(
 def retry_once(call: Callable[[], _Answer], on_failure: Callable[[FaultError], _Answer]) -> _Answer:
     """Return the answer of a call, which is made a second time if its process crashes.
 
-    A first crash may be an accident: memory was full, or somebody ended the process. After a second crash, or after a
-    timeout of either call, `on_failure` returns the answer in its place.
+    A first crash may be an accident: memory was full, or somebody ended the process. After a second crash, or if one of
+    the calls takes too long, `on_failure` returns the answer in place of the call.
     """
     try:
         return call()
@@ -223,19 +229,20 @@ def _start_process(log: Path | None, python: Path | None) -> tuple[subprocess.Po
     environment = NO_WINDOW | os.environ | dict.fromkeys(_THREADS, "1")
     if python is None:
         given: list[object] = [*sys.path]
-        # Imports ignore entries that are no texts.
+        # Entries of the search path that are no texts are left out, because imports ignore them.
         places = [place for place in given if isinstance(place, str)]
         command = [sys.executable, "-c", f"import sys; sys.path[:] = {places!r}; {serving}"]
     else:
-        # Option -I ignores the caller's PYTHONPATH, whose packages would hide the versions in the environment.
+        # The option -I ignores the caller's PYTHONPATH. Packages on it would hide the versions in the environment.
         command = [str(python), "-I", "-c", f"{_IMPORT_PROJECT.format(str(_PROJECT))}; {serving}"]
-        # The other environment has its own cache. Its version of Numba may differ and would overwrite our kernels.
+        # The other environment has its own cache. Its version of Numba may differ, and would overwrite the kernels in
+        # our cache.
         environment["NUMBA_CACHE_DIR"] = str(python.parents[1] / "kernels")
     with theirs, (log or Path(os.devnull)).open("ab") as said:
         process = subprocess.Popen(
             command,
             stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,  # some engines print messages there
+            stdout=subprocess.DEVNULL,  # some engines print messages to standard output
             stderr=said,
             env=environment,
             pass_fds=[theirs.fileno()],
@@ -245,7 +252,7 @@ def _start_process(log: Path | None, python: Path | None) -> tuple[subprocess.Po
 
 
 def _end_process(process: subprocess.Popen[bytes]) -> int:
-    """Kill a process and its children if it still runs; return its exit code."""
+    """Kill a process and its children if the process still runs; return the exit code of the process."""
     if process.poll() is None:
         with contextlib.suppress(OSError):  # the process has ended meanwhile
             os.killpg(process.pid, signal.SIGKILL)
@@ -264,7 +271,7 @@ def serve(handle: int, parent: int) -> None:
     """Call functions for the process at the other end of a socket until that process closes it or ends.
 
     The code of a worker process runs this function. `handle` is the number of the socket's file, `parent` the id of the
-    process that started this one.
+    process that started this process.
     """
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)

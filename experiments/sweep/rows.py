@@ -44,13 +44,14 @@ from impact_xval.model.graph.collision_outcome import GraphCollisionOutcome
 from impact_xval.model.outcome import Outcome
 from impact_xval.model.status import Status
 
-#: Function that returns a solver by its name. It must be at the top level of a module: worker processes import it.
+#: Function that returns a solver by its name. The function must be at the top level of a module, because worker
+#: processes import it.
 Resolve = Callable[[str], Solver]
 
 _Piece = TypeVar("_Piece")
 
 #: Largest absolute value of the divergence D and of the difference in retained energy. Statistics square these numbers,
-#: and the square of a larger one would overflow.
+#: and the square of a larger number would overflow.
 _LARGEST = 1e150
 
 
@@ -58,7 +59,7 @@ _LARGEST = 1e150
 class Experiment:
     """Configuration of an experiment, and the function that returns its solvers by name.
 
-    It is sent to every worker process of a run.
+    This object is sent to every worker process of a run.
     """
 
     config: Config
@@ -76,7 +77,7 @@ class Experiment:
 
 
 def solve_all(experiment: Experiment, block: CellBlock) -> pa.Table:
-    """Solve cells by every solver in this process; return the rows of a part, by cell, then by solver."""
+    """Solve cells by every solver in this process; return their rows, ordered by cell and then by solver."""
     model = solve_by_model(experiment, block)
     comparisons = {name: solve_and_compare(experiment, name, block, model) for name in experiment.others}
     return complete_rows(experiment, block, {REFERENCE: model_as_comparison(model)} | comparisons)
@@ -85,7 +86,7 @@ def solve_all(experiment: Experiment, block: CellBlock) -> pa.Table:
 def solve_by_model(experiment: Experiment, block: CellBlock) -> SolverResults:
     """Solve cells by the model and return its results as arrays.
 
-    If arrays cannot be made of the outcome of a cell, this cell has no result; the other cells keep theirs.
+    If the outcome of a cell cannot be put into arrays, this cell has no result. All other cells keep their results.
     """
     return SolverResults.concatenate(
         _isolate_errors(
@@ -103,7 +104,7 @@ def solve_and_compare(
 ) -> Comparison:
     """Solve cells by a solver and compare its results with the model's in the same cells.
 
-    If the outcome of a cell cannot be measured, this cell has no result; the other cells keep theirs.
+    If the outcome of a cell cannot be measured, this cell has no result. All other cells keep their results.
     """
 
     def attempt(place: slice) -> Comparison:
@@ -119,9 +120,9 @@ def solve_and_compare(
 def compare_failure(
     experiment: Experiment, name: str, block: CellBlock, model: SolverResults, status: Status, reason: str
 ) -> Comparison:
-    """Return the comparison of a solver that has no result in any of these cells; the solver is not called.
+    """Return the comparison of a solver that has no result in any of the cells. The solver is not called.
 
-    `status` and `reason` say in every row why there is no result.
+    `status` and `reason` stand in every row, and say why there is no result.
     """
     results = results_without_outcome(experiment, name, block, status, reason)
     return _compare(experiment, name, block, model, results)
@@ -130,7 +131,7 @@ def compare_failure(
 def results_without_outcome(
     experiment: Experiment, name: str, block: CellBlock, status: Status, reason: str
 ) -> SolverResults:
-    """Return results that say for every cell why the solver has no outcome; the solver is not called."""
+    """Return results that say for every cell why the solver has no outcome. The solver is not called."""
     if experiment.layout.kind == "graph":
         failures = [GraphCollisionOutcome.failure(name, graph, status, reason) for graph in block.graphs]
         return _graphs_to_results(experiment, block, failures)
@@ -141,7 +142,7 @@ def results_without_outcome(
 def model_as_comparison(model: SolverResults) -> Comparison:
     """Return the model's results in the form in which other solvers are compared with it, without any measures.
 
-    The model's divergence from itself would be zero everywhere.
+    Measures are left out because the model's divergence from itself is zero everywhere.
     """
     return Comparison(replace(model, curves=None), marked=_name_marks(REFERENCE, model.mark), measures={})
 
@@ -149,10 +150,11 @@ def model_as_comparison(model: SolverResults) -> Comparison:
 def _isolate_errors(
     attempt: Callable[[slice], _Piece], n: int, failure: Callable[[slice, str], _Piece]
 ) -> list[_Piece]:
-    """Return the results of a call for n cells, one for each range of cells that succeeded, in order.
+    """Call a function for n cells, and return its results in order, one for each range of cells that succeeded.
 
     The first call is for all cells at once. A range of cells whose call raises an exception is split into halves, down
-    to single cells. For a single cell that raises, `failure` returns the result in its place.
+    to single cells. If the call for a single cell raises an exception, `failure` returns the result in place of the
+    call.
     """
 
     def pieces(start: int, stop: int) -> list[_Piece]:
@@ -195,7 +197,7 @@ def _graphs_to_results(
 def _masses_and_starts(experiment: Experiment, block: CellBlock) -> tuple[Floats, Floats]:
     """Return the masses in kg and the velocities at first touch in m/s of cells of any kind.
 
-    Both arrays have one row per cell, as `masses_and_starts` returns them.
+    Both arrays have one row per cell.
     """
     counts = experiment.layout.counts
     if experiment.layout.kind == "graph":
@@ -226,8 +228,9 @@ def complete_rows(
 ) -> pa.Table:
     """Return the rows of cells, ordered by cell and then by solver, with all columns.
 
-    Two groups of columns need several solvers: the distance of an engine's limit dt -> 0 from the exact solver of its
-    law, and the ladders, which split an engine's divergence from the model into contributions.
+    Two groups of columns need the results of several solvers. The first is the distance of an engine's limit at a time
+    step of zero from the exact solver of its law. The second are the ladders, which split an engine's divergence from
+    the model into contributions.
     """
     model = comparisons[REFERENCE]
     engines = {name: comparisons[name] for name in engines_with_ladders(experiment.config)}
@@ -249,8 +252,8 @@ def rows_without_ladders(
 ) -> pa.Table:
     """Return the rows of cells, ordered by cell and then by solver, where the ladders could not be computed.
 
-    A ladder splits an engine's divergence from the model into contributions. `status` and `reason` say in the rows of
-    engines why there is none.
+    A ladder splits an engine's divergence from the model into contributions. `status` and `reason` stand in the rows of
+    engines, and say why there is no ladder.
     """
     ladder_columns = {
         name: {
@@ -273,8 +276,8 @@ def _rows(
 ) -> pa.Table:
     """Return the rows of cells, ordered by cell and then by solver.
 
-    `limit_distances` and `ladder_columns` have values by solver for the columns that need several solvers. A solver
-    that is not in them has empty values there.
+    `limit_distances` and `ladder_columns` hold, by solver, the values of the columns that need the results of several
+    solvers. If a solver is not in them, its values in these columns are empty.
     """
     names = experiment.config.solvers
     tables = []
@@ -291,7 +294,7 @@ def _rows(
 def _columns_of_solver(
     experiment: Experiment, name: str, block: CellBlock, model: Comparison, comparison: Comparison
 ) -> ColumnArrays:
-    """Return the columns of the rows of a solver, without the columns that need several solvers."""
+    """Return the columns of a solver's rows, without the columns that need the results of several solvers."""
     results = comparison.results
     is_reported = results.has_numbers
     masses, starts = _masses_and_starts(experiment, block)
@@ -303,7 +306,7 @@ def _columns_of_solver(
         return np.where(is_reported, np.array(texts, dtype=object), "")
 
     columns: ColumnArrays = {
-        **results.diagnostics,  # `to_table` drops diagnostics that are no columns of the table
+        **results.diagnostics,  # `to_table` drops all diagnostics that are no columns of the table
         "cell": block.index,
         **block.parameters,
         "solver": np.full(len(block), name, dtype=object),
@@ -341,7 +344,9 @@ def _columns_of_solver(
 def _limit_distances(
     experiment: Experiment, block: CellBlock, comparisons: Mapping[str, Comparison]
 ) -> dict[str, Floats]:
-    """Return by solver how far its limit dt -> 0 is from the exact solution of its law, in every cell.
+    """Return, by solver, the distance of its limit from the exact solution of its law, in every cell.
+
+    The limit is the outcome of an engine at a time step of zero, extrapolated from runs at several steps.
 
     The distance is the largest difference of a ball's velocity over abs(v0). It is NaN in a cell where the limit or the
     exact solution is missing. A solver is skipped if the run has no exact solver of its law.
@@ -361,13 +366,13 @@ def _limit_distances(
 
 
 def _join_marks(first: NDArray[np.object_], second: NDArray[np.object_]) -> NDArray[np.object_]:
-    """Join two texts in every cell, with a semicolon between them if neither is empty."""
+    """Join two texts in every cell; a semicolon stands between two texts that are not empty."""
     between = np.where((first != "") & (second != ""), "; ", "").astype(object)
     return first + between + second
 
 
 def _name_marks(name: str, marks: NDArray[np.object_]) -> NDArray[np.object_]:
-    """Put the name of a solver before its mark in every cell; an empty mark stays empty.
+    """Put the name of a solver before its mark in every cell, but leave an empty mark empty.
 
     A mark is a text that says why the cell is left out of statistics.
     """
@@ -377,7 +382,7 @@ def _name_marks(name: str, marks: NDArray[np.object_]) -> NDArray[np.object_]:
 def shortest_periods(block: CellBlock) -> Floats:
     """Return the shorter of the two contact periods of each pair in s.
 
-    The period is 0 if a contact is rigid, and infinite if neither contact has any stiffness.
+    The result is 0 if a contact is rigid, and infinite if both contacts have stiffness 0.
     """
     pairs = Collisions.of(block.collisions)
     m, k = pairs.masses, pairs.stiffnesses
@@ -389,7 +394,7 @@ def shortest_periods(block: CellBlock) -> Floats:
 def settings_of(config: Config, *, paths: bool = True) -> Settings:
     """Return the settings with which every solver of an experiment is called.
 
-    With `paths`, outcomes have their paths over time, if the experiment computes all measures.
+    With `paths`, outcomes have paths over time, provided that the experiment computes all measures.
     """
     convergence, full = config.convergence, config.measures == "all"
     shared = config.model_dump(include={field.name for field in fields(Settings)} - {"convergence"})

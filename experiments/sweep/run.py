@@ -52,8 +52,8 @@ from impact_xval.experiments.tables.folder import (
     tables_lock,
 )
 
-#: Function that reports progress. Its arguments are the number of cells that are done, the number of all cells, and a
-#: line for the user, or an empty text.
+#: Type of a function that reports progress. Its arguments are the number of cells that are done, the number of all
+#: cells, and a line for the user, or an empty text.
 Progress = Callable[[int, int, str], None]
 
 _Answer = TypeVar("_Answer")
@@ -62,12 +62,12 @@ _Arguments = TypeVarTuple("_Arguments")
 
 
 class Apart(Protocol):
-    """Function that lets a worker process on this machine call another function while the caller goes on."""
+    """Type of a function that lets a worker process on this machine call another function, while the caller goes on."""
 
     def __call__(
         self, function: Callable[[None, *_Arguments], _Answer], *arguments: *_Arguments
     ) -> Future[_Answer]:
-        """Have ``function(None, *arguments)`` called; return the future of its result."""
+        """Have ``function(None, *arguments)`` called; return the future of the function's result."""
         ...
 
 
@@ -76,7 +76,7 @@ class SweepResult:
     """Result of one session of a run: the work of one command, from its start to its end."""
 
     folder: RunFolder
-    #: Whether the folder has the finished tables; False while other shards still compute parts.
+    #: Whether the folder has the finished tables. It is false while other shards still compute parts.
     tables_complete: bool
 
 
@@ -104,17 +104,18 @@ def run_sweep(
         A new or empty folder, or the folder of a run of the same experiment. Such a run is continued: its parts are
         kept.
     workers : int, optional
-        Number of worker processes on this machine; no result depends on it. By default the number in the configuration,
-        or else one process for each core.
+        Number of worker processes on this machine; no result depends on it. By default it is the number in the
+        configuration; if that has no number, one process for each core is used.
     scheduler : str, optional
         Address of the scheduler of a Dask cluster on which the cells are solved.
     shard : tuple of int and int
-        Number of this shard, from 1, and number of shards: independent commands that share the parts of a run in one
-        folder. A shard computes its own parts only. The shard that finds all parts when it ends writes the tables.
+        Number of this shard, from 1, and number of shards. Shards are independent commands that share the work on one
+        run in one folder. Each shard computes only its own parts. If a shard finds all parts in the folder when it
+        ends, it writes the tables.
     isolate : bool
-        False calls the solvers in this process; a solver that crashes then ends the run.
+        If false, solvers are called in this process, and a solver that crashes ends the run.
     progress : callable
-        Reports progress; called after every chunk.
+        Function that reports progress. It is called after every chunk.
     resolve : callable
         Returns a solver by its name; a function at the top level of a module.
     to_be_presented : bool
@@ -157,23 +158,24 @@ def run_sweep(
 def present_once(
     result: SweepResult, present: Callable[[RunFolder, Apart], _Presented], *, isolate: bool = True
 ) -> _Presented | None:
-    """Call `present` for the tables of a run, mark the run as complete, and return the value that `present` returns.
+    """Call `present` for the tables of a run, set the run's state to complete, and return what `present` returns.
 
-    If tables are missing, or another session has presented them already, `present` is not called and None is returned.
-    Sessions that finish at the same time wait for each other here. The second session then finds the run complete; if
-    the first session was killed, the second one presents the run.
+    A session is the work of one command on a run. If tables are missing, or another session has presented them already,
+    `present` is not called and None is returned. If two sessions finish at the same time, the second session waits here
+    for the first. It then finds that the run is complete. If the first session was killed, the second session presents
+    the run.
 
     The tables are not locked while `present` is at work. A session that begins in this time sets the state of the run
-    back to running. That state is kept, and the new session presents the run again when it ends.
+    back to running. The state then stays running, and the new session presents the run again when it ends.
 
     Parameters
     ----------
     result : SweepResult
     present : callable
-        Draws figures and writes pages. It is called with the folder and with a function of type `Apart`, by which it
-        can have other functions called in a worker process.
+        Draws figures and writes pages. It is called with the folder and with a function of type `Apart`. By this
+        function it can have other functions called in a worker process.
     isolate : bool
-        False calls these functions in this process.
+        If false, these functions are called in this process.
 
     Raises
     ------
@@ -205,7 +207,7 @@ def present_once(
 
 @contextlib.contextmanager
 def _one_line(root: Path) -> Generator[None]:
-    """Turn events that end a run from outside into an `InterruptedRunError` with a message of one line.
+    """Turn an event that ends a run from outside into an `InterruptedRunError` with a message of one line.
 
     Such events are Ctrl-C, a full disk and a folder that is removed.
     """
@@ -220,7 +222,10 @@ def _one_line(root: Path) -> Generator[None]:
 
 
 class _Run:
-    """One session of a run: the parts that it has to compute, and counts of the parts and cells that are done."""
+    """One session of a run, with the parts to compute and the numbers of parts and cells that are done.
+
+    A session is the work of one command on a run.
+    """
 
     def __init__(
         self,
@@ -245,7 +250,7 @@ class _Run:
         `continued` says whether an earlier session has begun the run.
         """
         config, cells, folder = self._experiment.config, self._cells, self._folder
-        # Everything that decides the content of a part, except its number.
+        # All that decides the content of a part, except the number of the part.
         content = [config.identity(), versions, self._experiment.layout.part_schema.names, cells.digest]
         self._identity = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]
         self._versions = versions
@@ -266,7 +271,7 @@ class _Run:
         self._end_stage("start")
 
     def solve(self, pool: SlotPool[Experiment]) -> None:
-        """Compute the parts of this session that are missing, and write each into the folder."""
+        """Compute the missing parts that this session has to compute, and write each part into the folder."""
         cells, ours = self._cells, _comparable_versions(self._versions)
         for report in solve_chunks(pool, ((n, cells.block(cells.chunk(n))) for n in self._mine)):
             if differing := sorted(name for name, _ in _comparable_versions(report.versions) - ours):
@@ -285,10 +290,12 @@ class _Run:
         self._end_stage("solve")
 
     def finish(self, pool: SlotPool[Experiment], where: str, workers: int, state_with_tables: str) -> bool:
-        """Write the curves and tables if all parts are there, and the manifest; return whether the tables are complete.
+        """Write the manifest; return whether the tables are complete.
 
-        The manifest records the machine `where` this session has computed its parts, and the number of its workers.
-        `state_with_tables` is the state of the run after its tables are written.
+        If all parts are there, the curves and the tables are written too.
+
+        `where` is the machine on which this session has computed its parts. The manifest records this machine and the
+        number of its workers. `state_with_tables` is the state of the run after its tables are written.
         """
         config, folder, chunks = self._experiment.config, self._folder, self._cells.chunks()
         parts = folder.named_parts(range(chunks), self._identity)  # the parts of all shards
@@ -297,7 +304,8 @@ class _Run:
             write_curves(config, folder, pool)
             self._end_stage("curves")
         with tables_lock(folder):
-            state = folder.manifest()["state"]  # a finished state if another shard has written the tables
+            # If another shard has written the tables, the state says that they are finished.
+            state = folder.manifest()["state"]
             if whole and state == RUNNING:
                 folder.remove_leftovers()
                 folder.assemble(parts, self._experiment.layout, len(self._cells) * len(config.solvers))
@@ -331,11 +339,11 @@ class _Run:
     def _make_manifest(self, state: str, *session: Session) -> Manifest:
         """Return the manifest: the experiment, versions, the machine, and the sessions that have worked on the run.
 
-        Earlier sessions are read from the folder. This session is given when it is over.
+        Earlier sessions are read from the folder. This session is passed as an argument when it is over.
         """
         config = self._experiment.config
         earlier: list[Session] = []
-        with contextlib.suppress(UserError):  # there is no manifest, or it cannot be read
+        with contextlib.suppress(UserError):  # there is no manifest, or the manifest cannot be read
             earlier = self._folder.manifest()["sessions"]
         return {
             "state": state,
@@ -366,7 +374,7 @@ class _Run:
 def van_der_corput(count: int) -> Iterator[int]:
     """Return the whole numbers below a count in an order whose first few numbers are spread over the whole range.
 
-    Parts are computed in this order, so that the time left can be estimated early. The order is van der Corput's
+    Parts are computed in this order, so that the remaining time can be estimated early. The order is van der Corput's
     sequence (1935): the binary digits of 0, 1, 2, ... are reversed.
     """
     digits = (count - 1).bit_length()
@@ -377,6 +385,6 @@ def van_der_corput(count: int) -> Iterator[int]:
 def _comparable_versions(versions: Versions) -> set[tuple[str, str]]:
     """Return the versions of solvers as pairs that can be compared between machines.
 
-    A solver that cannot run has "-" as its version: the text of the reason may differ from machine to machine.
+    A solver that cannot run has "-" as its version, because the reason may have another text on another machine.
     """
     return {(name, "-" if v.startswith(UNAVAILABLE) else v) for name, v in versions.items()}

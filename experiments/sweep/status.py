@@ -1,4 +1,4 @@
-"""State of a run with its results and failures so far, read from the folder of the run.
+"""State of a run, read from the folder of the run, with the numbers of its results and failures so far.
 
 The run may be in progress, stopped or complete. The command ``show`` uses this module.
 """
@@ -32,10 +32,10 @@ class RunStatus:
         ``complete``; ``running`` while a process writes to the folder; or ``stopped``, if the run is incomplete and no
         process writes to the folder.
     cells, cells_done : int
-        Number of cells of the experiment, and of those that are computed.
+        Number of cells of the experiment, and number of cells that are computed.
     parts, parts_done, parts_damaged : int
-        Number of parts, the files of rows that the run writes: all of them, those that are whole, and those that cannot
-        be read.
+        A part is a file of rows that the run writes. Number of all parts, of parts that are complete, and of parts that
+        cannot be read.
     statuses : dict
         Number of rows by solver and status.
     reasons : list of tuple

@@ -4,7 +4,7 @@ A row holds the result of one solver in one cell. A row is said to have moved if
 
 * the two runs have different statuses in it,
 * a final velocity per abs(v0), or the divergence D from the model, differs by more than a tolerance, or
-* only one of the runs has such a number.
+* only one of the two runs has such a velocity or D.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from impact_xval.experiments.tables.frames import Frame
 class SolverChanges:
     """Changes of the results of one solver between two runs."""
 
-    #: Number of rows that were compared, of rows that moved, and of rows whose status changed.
+    #: Number of rows that were compared, number of rows that moved, and number of rows whose status changed.
     compared: int
     moved: int
     statuses: int
@@ -37,7 +37,7 @@ class SolverChanges:
 
 
 class RowChange(NamedTuple):
-    """Change of one row, a cell and a solver, between two runs."""
+    """Change of one row between two runs. A row holds the result of one solver in one cell."""
 
     cell: int
     solver: str
@@ -58,10 +58,10 @@ class RunComparison:
     solvers: dict[str, SolverChanges]
     #: The ten rows that changed most. Rows with another status come first, then rows with the largest changes.
     worst: list[RowChange]
-    #: Names of the solvers, and numbers of the cells, that only one of the two runs has.
+    #: Names of the solvers that only one of the two runs has, and numbers of the cells that only one run has.
     alone: list[str]
     cells_alone: list[int]
-    #: Settings that differ between the runs, and versions of solvers that differ, as the two values by name.
+    #: Settings and versions of solvers that differ between the runs. For each name, the two values.
     settings: dict[str, tuple[str, str]]
     versions: dict[str, tuple[str, str]]
 
@@ -77,7 +77,7 @@ def compare_runs(a: RunFolder, b: RunFolder, tolerance: float) -> RunComparison:
     Raises
     ------
     UserError
-        If the runs are not of one kind, a cell is not the same in both runs, or a table is damaged.
+        If the runs are of different kinds, a cell differs between the runs, or a table is damaged.
     """
     config_a, config_b = a.config(), b.config()
     kinds = [_KINDS[config.kind] for config in (config_a, config_b)]
@@ -126,18 +126,21 @@ def compare_runs(a: RunFolder, b: RunFolder, tolerance: float) -> RunComparison:
 #: Words for the cells of a run in messages, by the kind of the cells.
 _KINDS = {"pair": "collisions", "chain": "chains of N balls", "graph": "contact graphs"}
 
-#: Settings whose differences are not listed. They choose the cells and the solvers, which are compared separately, or
-#: do not influence any result.
+#: Settings whose differences are not listed. Some of these settings choose the cells and the solvers, which are
+#: compared separately. The others do not influence any result.
 _ELSEWHERE = ("name", "workers", "grid", "sample", "cells", "chain", "graph", "solvers", "chunk_size")
 
 
 def _differing(a: Mapping[str, object], b: Mapping[str, object]) -> dict[str, tuple[str, str]]:
-    """Return the two values, as texts, of every key that both mappings have with different values."""
+    """Return the keys whose values differ between two mappings, with both values as texts.
+
+    Only keys that both mappings have are compared.
+    """
     return {key: (str(a[key]), str(b[key])) for key in a if key in b and a[key] != b[key]}
 
 
 def _read_compared_rows(run: RunFolder, solvers: Sequence[str]) -> Frame:
-    """Read the columns of a run that are compared: parameters, status, velocities and D of every cell and solver."""
+    """Read the columns of a run that a comparison needs: parameters, status, velocities and D of every row."""
     path = run.table_path("cells.parquet")
     names = pq.read_schema(path).names
     wanted = [
@@ -153,7 +156,7 @@ def _read_compared_rows(run: RunFolder, solvers: Sequence[str]) -> Frame:
 
 
 def _check_same_cells(a: RunFolder, b: RunFolder, rows: Frame) -> None:
-    """Raise a `UserError` if a cell that both runs have differs between them in any bit of a parameter."""
+    """Raise a `UserError` if a cell of both runs has a parameter that differs between the runs in any bit."""
     names = [name[:-2] for name in rows if name.endswith("_a")]
     for name in names[: names.index("status")]:
         x, y = rows[f"{name}_a"], rows[f"{name}_b"]

@@ -1,7 +1,7 @@
 """Tables of a run that version 0.4 wrote, with the columns and values renamed to the names of today.
 
-`folder.run_folder` calls this module for the folder of such a run. The tables in that folder are never changed. The
-renamed tables lie in a temporary folder, which is removed when the process ends.
+`folder.run_folder` calls this module for a folder that version 0.4 wrote. The tables in this folder are never changed.
+The renamed tables lie in a temporary folder, which is removed when the process ends.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ import pyarrow.parquet as pq
 from impact_xval.experiments.config.renamed import ARRANGEMENTS, COLUMNS, STATUSES
 from impact_xval.experiments.tables.parquet import table_writer
 
-#: Name of the format of run folders that version 0.4 wrote, as it stands in their manifest.
+#: Name of the format of run folders that version 0.4 wrote. It stands in the manifest of such a folder.
 EARLIER_FORMAT = "impact-xval run, format 3"
 
-#: Values that were renamed after version 0.4: new value by old value, for each column that holds such values.
+#: Values that were renamed after version 0.4. For each column with such values, the new value by the old value.
 _VALUES = {"status": STATUSES, "model_status": STATUSES, "arrangement": ARRANGEMENTS}
 
 
 def renamed_tables(root: Path) -> Path:
-    """Copy the tables of a run of version 0.4 into a new temporary folder, with today's names; return that folder.
+    """Copy the tables of a run of version 0.4, with today's names, into a new temporary folder; return this folder.
 
-    Damaged tables are not copied. A later attempt to read such a table raises an error that says it is missing.
+    Damaged tables are not copied. If a damaged table is read later, an error says that it is missing.
     """
     folder = Path(tempfile.mkdtemp(prefix="impact-xval-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)

@@ -1,8 +1,8 @@
-"""The folder of a run: its experiment, its parts, its finished tables, and the locks of the processes that write to it.
+"""The folder of a run: the experiment, the parts, the finished tables, and the locks of processes that write.
 
-A part is a file with the rows of one chunk of cells. Its name contains the identity of the run, a hash of the
-configuration, the versions and the cells. Parts of another identity are neither read nor removed. The commands that
-make, continue, show or compare runs call this module.
+A part is a file with the rows of one chunk of cells. The name of a part contains the identity of the run, which is a
+hash of the configuration, the versions and the cells. Parts with another identity are neither read nor removed. The
+commands that make, continue, show or compare runs call this module.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ from impact_xval.experiments.tables.schema import Layout
 
 #: Name of the format of run folders that this version writes; it stands in every manifest.
 FORMAT = "impact-xval run, format 4"
-#: States of a run, as they stand in its manifest. `RUNNING`: parts are still missing. `TABLES`: the tables are
-#: finished. `COMPLETE`: the report on them is written too.
+#: States of a run, as they stand in the manifest of the run. `RUNNING`: parts are still missing. `TABLES`: the tables
+#: are finished. `COMPLETE`: the report on the tables is written too.
 RUNNING, TABLES, COMPLETE = "running", "tables", "complete"
 #: States of a run whose tables are finished.
 FINISHED = (TABLES, COMPLETE)
@@ -48,20 +48,21 @@ MANIFEST, CONFIGURATION = "manifest.json", "experiment.toml"
 #: Beginnings of the names of locks, and of files that are not yet completely written.
 _LOCK, _TEMPORARY = ".lock", ".tmp-"
 
-#: Largest number of rows for which tables are written as CSV too; spreadsheets cannot open longer tables.
+#: Largest number of rows with which a table is written as a CSV file too. Spreadsheets cannot open longer tables.
 _CSV = 100_000
 #: Number of rows of a run by solver, status and reason; the reason is "" if a row has none.
 Tally = Counter[tuple[str, str, str]]
 
 
 class Session(TypedDict):
-    """Entry of a manifest about one session: the work of one command on a run, which may take several commands."""
+    """Entry of a manifest about one session, the work of one command on a run. A run may take several commands."""
 
     #: Date and time at which the session ended, by ISO 8601.
     finished: str
     #: Which shard of the run the session worked on, such as ``1 of 4``.
     shard: str
-    #: The address of a scheduler, or ``this machine``; and the number of worker processes.
+    #: The place of the work, which is the address of a scheduler or ``this machine``; and the number of worker
+    #: processes.
     where: str
     workers: int
     parts_reused: int
@@ -86,7 +87,7 @@ class Manifest(TypedDict):
     chunks: int
     #: Name of the solver with which all other solvers are compared.
     reference: str
-    #: Hash of everything that determines the content of the parts: configuration, versions, and cells.
+    #: Hash of everything that determines the content of the parts, which is configuration, versions, and cells.
     identity: str
     #: Versions by name: of this project and the solvers, and of the libraries that they use.
     versions: dict[str, str]
@@ -102,13 +103,13 @@ class Manifest(TypedDict):
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file in UTF-8 with line feeds; a reader sees either the old file or the complete new one."""
+    """Write a text file in UTF-8 with line feeds; a reader sees either the old or the complete new file."""
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
 
 
 def write_json(path: Path, value: object) -> None:
-    """Write a value as strict JSON; a reader sees either the old file or the complete new one."""
+    """Write a value as strict JSON; a reader sees either the old or the complete new file."""
     write_text(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
 
 
@@ -117,8 +118,8 @@ class RunFolder:
     """The folder of a run. Its methods raise a `UserError` where a file is missing or damaged."""
 
     root: Path
-    #: Folder of the finished tables, if it is not `root`. For a run of version 0.4 it is a temporary folder, with
-    #: copies of the tables under today's names.
+    #: Folder of the finished tables, if the tables are not in `root`. For a run of version 0.4 it is a temporary folder
+    #: with copies of the tables, in which columns and values have today's names.
     tables: Path | None = None
 
     @property
@@ -138,7 +139,7 @@ class RunFolder:
         return load_config(path, KEPT)
 
     def manifest(self) -> Manifest:
-        """Return the content of the manifest. The format may be the one of today or the one of version 0.4."""
+        """Return the content of the manifest, whose format may be today's format or that of version 0.4."""
         path = self.root / MANIFEST
         again = "the command that began the run writes it again"
         if not path.exists():
@@ -163,7 +164,7 @@ class RunFolder:
 
     @property
     def is_earlier(self) -> bool:
-        """Whether version 0.4 wrote the run. It is False if the manifest cannot be read."""
+        """Whether version 0.4 wrote the run; false if the manifest cannot be read."""
         try:
             return self.manifest().get("format") == EARLIER_FORMAT
         except UserError:
@@ -176,14 +177,14 @@ class RunFolder:
     def write_part(self, number: int, identity: str, data: bytes) -> None:
         """Write the file of a part.
 
-        The content is not forced to the disk. If a power cut damages the file, its checksums reveal that when it is
-        read.
+        The content is not forced to the disk. If a power cut damages the file, the checksums in the file reveal the
+        damage when the file is read.
         """
         with replacing(self._part(number, identity), sync=False) as temporary:
             temporary.write_bytes(data)
 
     def named_parts(self, numbers: Iterable[int], identity: str) -> dict[int, Path]:
-        """Return the paths of the parts that exist in the folder, by number, among the parts with the given numbers."""
+        """Return the paths of those parts with the given numbers that exist in the folder, by number."""
         names = {path.name for path in self.parts.iterdir()} if self.parts.is_dir() else set()
         paths = {number: self._part(number, identity) for number in numbers}
         return {number: path for number, path in paths.items() if path.name in names}
@@ -200,7 +201,7 @@ class RunFolder:
     def assemble(self, parts: dict[int, Path], layout: Layout, rows: int) -> None:
         """Write the finished tables from the parts, in the order of the cells, reading each part once.
 
-        `rows` is the number of rows of all parts together. Tables are written as CSV too if it is not too large.
+        `rows` is the number of rows of all parts together. If it is not too large, tables are written as CSV files too.
         """
         with contextlib.ExitStack() as stack:
             writers = [
@@ -222,7 +223,7 @@ class RunFolder:
         return tally(read_row_groups(self.table_path("cells.parquet"), ["solver", "status", "reason"]))
 
     def table_path(self, name: str) -> Path:
-        """Return the path of a finished table; a `UserError` if the table is missing or damaged."""
+        """Return the path of a finished table; raise a `UserError` if the table is missing or damaged."""
         path = (self.tables or self.root) / name
         try:
             pq.read_schema(path)
@@ -256,7 +257,7 @@ def part_bytes(rows: pa.Table) -> bytes:
 
 
 def read_part(path: Path, layout: Layout) -> pa.Table:
-    """Return the rows of a part; a `UserError` if its file is damaged."""
+    """Return the rows of a part; raise a `UserError` if the file of the part is damaged."""
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             return file.read(use_threads=False).cast(layout.part_schema)
@@ -265,7 +266,7 @@ def read_part(path: Path, layout: Layout) -> pa.Table:
 
 
 def tally(tables: Iterable[pa.Table]) -> Tally:
-    """Return the number of rows of all tables together, by solver, status and reason."""
+    """Return the number of rows of several tables together, by solver, status and reason."""
     counts: Tally = Counter()
     for table in tables:
         grouped = table.group_by(["solver", "status", "reason"], use_threads=False)
@@ -283,7 +284,7 @@ def statuses_of(outcomes: Tally) -> dict[str, dict[str, int]]:
 
 
 def _row_groups(parts: Iterable[Path], layout: Layout) -> Iterator[pa.Table]:
-    """Yield the rows of successive parts, joined until they are enough for a row group of the finished tables."""
+    """Yield the rows of successive parts, joined until there are enough rows for a row group of a finished table."""
     tables: list[pa.Table] = []
     for part in parts:
         tables.append(read_part(part, layout))
@@ -298,10 +299,10 @@ def _row_groups(parts: Iterable[Path], layout: Layout) -> Iterator[pa.Table]:
 def lock_for_writing(
     root: Path, config: Config, shard: tuple[int, int] = (1, 1)
 ) -> Generator[tuple[RunFolder, bool]]:
-    """Lock the folder of a run, or of one shard of it, while the block runs.
+    """Lock the folder of a run, or one shard of the run, while the `with` block runs.
 
-    Yield the folder, and whether it already holds a run of this experiment. The operating system frees the lock as soon
-    as the process is gone. In a new folder the experiment is written before any part, so that the folder can be
+    Yield the folder, and whether it already holds a run of this experiment. The operating system releases the lock as
+    soon as the process ends. In a new folder the experiment is written before any part, so that the folder can be
     recognised even if the run is killed.
     """
     folder = RunFolder(root)
@@ -324,7 +325,10 @@ def lock_for_writing(
 
 @contextlib.contextmanager
 def _refuse_unusable(root: Path, option: str) -> Generator[None]:
-    """Turn an `OSError` of the block into a `UserError`, one line that names the folder's option and the cause."""
+    """Turn an `OSError` of the `with` block into a `UserError`.
+
+    The message is one line that names the option for the folder, and the cause.
+    """
     try:
         yield
     except OSError as error:
@@ -345,7 +349,8 @@ def _names_in_folder(root: Path) -> list[str]:
 def _holds_same_run(folder: RunFolder, config: Config) -> bool:
     """Return whether a folder holds a run of this experiment.
 
-    A folder that does not exist, or is empty, holds none. A `UserError` is raised if the folder holds anything else.
+    A folder that is empty or does not exist holds no run. A `UserError` is raised if the folder holds something other
+    than a run of this experiment.
     """
     root, entries = folder.root, _names_in_folder(folder.root)
     if CONFIGURATION in entries:
@@ -373,7 +378,7 @@ def check_continues(root: Path) -> None:
 
 
 def _check_same_experiment(folder: RunFolder, config: Config) -> None:
-    """Raise a `UserError`, which names the first key that differs, if a folder holds a run of another experiment."""
+    """Raise a `UserError` if a folder holds a run of another experiment. It names the first key that differs."""
     stored = folder.config()
     if stored.identity() == config.identity():
         return
@@ -394,7 +399,7 @@ def presenting_lock(folder: RunFolder) -> FileLock:
 
 
 def is_written_to(root: Path) -> bool:
-    """Return whether a process holds a lock of a folder now. Locks that this process may not open are not counted."""
+    """Return whether a process holds a lock of a folder now; locks that this process may not open do not count."""
     for path in root.glob(f"{_LOCK}*"):
         try:
             with FileLock(path, timeout=0):
@@ -412,7 +417,7 @@ def continue_command(root: Path) -> str:
 
 
 def run_folder(root: Path) -> RunFolder:
-    """Return the folder of a run; a `UserError` if there is no such folder."""
+    """Return the folder of a run; raise a `UserError` if there is no such folder."""
     if not root.is_dir():
         what = "a file" if root.exists() else "no such folder"
         raise UserError(f"{root}: {what}; legal: the folder of a run")
@@ -421,9 +426,9 @@ def run_folder(root: Path) -> RunFolder:
 
 
 def finished_run(root: Path) -> RunFolder:
-    """Return the folder of a run whose tables are complete; a `UserError` if they are not.
+    """Return the folder of a run whose tables are complete; raise a `UserError` if tables are missing.
 
-    The report of the run may be missing.
+    The report of the run may still be missing.
     """
     folder = run_folder(root)
     if folder.manifest()["state"] not in FINISHED:
@@ -432,7 +437,7 @@ def finished_run(root: Path) -> RunFolder:
 
 
 def finished_run_of_pairs(root: Path) -> RunFolder:
-    """Return the folder of a finished run of two balls; a `UserError` if the run is not finished or of another kind."""
+    """Return the folder of a finished run of two balls; raise a `UserError` for an unfinished or any other run."""
     folder = finished_run(root)
     if (kind := folder.config().kind) != "pair":
         what = "chains of N balls" if kind == "chain" else "contact graphs"
@@ -441,7 +446,10 @@ def finished_run_of_pairs(root: Path) -> RunFolder:
 
 
 def check_writable(root: Path, option: str = "") -> None:
-    """Raise a `UserError` if nothing can be written into a folder. It is called before anything is computed for it."""
+    """Raise a `UserError` if nothing can be written into a folder.
+
+    This is checked before anything is computed whose results go into the folder.
+    """
     if not os.access(root, os.W_OK):
         raise UserError(
             f"{option}{root}: the folder cannot be written to; legal: one that can, such as a copy"
@@ -449,9 +457,10 @@ def check_writable(root: Path, option: str = "") -> None:
 
 
 def new_folder(root: Path, option: str = "--out ") -> None:
-    """Make the folder in which a command writes its results; a `UserError` if it exists and is not empty.
+    """Make the folder in which a command writes its results; raise a `UserError` if it exists and is not empty.
 
-    It is for commands that cannot continue earlier results. `option` is the command's option that names the folder.
+    Commands that cannot continue earlier results call this function. `option` is the option of the command that names
+    the folder.
     """
     with _refuse_unusable(root, option):
         if _names_in_folder(root):
@@ -463,7 +472,7 @@ def new_folder(root: Path, option: str = "--out ") -> None:
 def cells_of_run(folder: RunFolder, config: Config) -> ExperimentCells:
     """Return the cells of a finished run.
 
-    If the cells came from a file with a list, they are read from the run's table, because that file may be gone.
+    If the cells of the run came from a file, they are read from the table of the run, because the file may be gone.
     """
     if config.cells is None:
         return experiment_cells(config)

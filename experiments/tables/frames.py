@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-#: A DataFrame or a Series of pandas. It is `Any`, because by the annotations of pandas every selection from a DataFrame
-#: may be either, so that a type checker would reject correct code.
+#: A DataFrame or a Series of pandas. The type is `Any`. By the annotations of pandas, a selection from a DataFrame may
+#: be a DataFrame or a Series, so that a type checker would reject correct code.
 Frame = Any
 
 #: A row of a DataFrame: a Series, or a named tuple from `DataFrame.itertuples`.

@@ -1,10 +1,10 @@
 """Writing and reading of Parquet tables that may be larger than the memory.
 
-Tables are written and read in row groups, each of which holds all rows of its cells. A file appears under its final
-name only when it is complete.
+Tables are written and read in row groups. If a row group holds one row of a cell, it holds all rows of this cell. A
+file appears under its final name only when it is complete.
 
-Arrow is used instead of polars (2.1) and DuckDB (2.0) for two reasons. Those two lose the units in the metadata of
-columns and the type of text columns, and their means differ from the means of pandas in the last bits.
+Arrow is used instead of polars (2.1) and DuckDB (2.0) for two reasons. First, polars and DuckDB lose the units in the
+metadata of columns, and the type of text columns. Second, their means differ from the means of pandas in the last bits.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-#: Least number of rows in a row group of a finished table, except the last group.
+#: Least number of rows in a row group of a finished table. The last group of a table may be smaller.
 GROUP = 65_536
 
 
 @contextlib.contextmanager
 def replacing(path: Path, *, sync: bool = True) -> Generator[Path]:
-    """Yield a temporary path in the folder of `path`; rename its file to `path` when the block ends without an error.
+    """Yield a temporary path in the folder of `path`; rename its file to `path` if the block ends without an error.
 
     With `sync` the content is forced to the disk before the file is renamed. Otherwise a power cut could leave a file
     under the final name without its content.
@@ -40,15 +40,15 @@ def replacing(path: Path, *, sync: bool = True) -> Generator[Path]:
                 os.fsync(file.fileno())
         temporary.replace(path)
     except OSError as error:
-        # The error should name `path`. The error of a full disk names no file, other errors name the temporary file,
-        # and Arrow puts the temporary name into its message.
+        # The error that the user sees should name `path`. The error for a full disk names no file. Other errors name
+        # the temporary file, and Arrow puts the name of the temporary file into the message.
         if error.filename is None or str(error.filename) == str(temporary):
             error.filename, error.filename2 = str(path), None
         if error.errno is not None and temporary.name in str(error.strerror):
             error.strerror = os.strerror(error.errno)
         raise
     finally:
-        with contextlib.suppress(OSError):  # an earlier error is more useful to the user than this one
+        with contextlib.suppress(OSError):  # an earlier error is more useful to the user than this error
             temporary.unlink()
 
 
@@ -63,7 +63,10 @@ def table_writer(path: Path, schema: pa.Schema) -> Generator[Callable[[pa.Table]
 
 
 def read_row_groups(path: Path, columns: Sequence[str]) -> Iterator[pa.Table]:
-    """Yield some columns of a finished table, one row group at a time. A row group holds all rows of its cells."""
+    """Yield some columns of a finished table, one row group at a time.
+
+    If a row group holds one row of a cell, it holds all rows of this cell.
+    """
     with pq.ParquetFile(path) as file:
         for group in range(file.num_row_groups):
             yield file.read_row_group(group, columns=list(columns))
@@ -72,7 +75,7 @@ def read_row_groups(path: Path, columns: Sequence[str]) -> Iterator[pa.Table]:
 def rows_at(path: Path, places: Sequence[int]) -> pa.Table:
     """Return the rows at some positions of a table, in the order of `places`.
 
-    Only one row group is in memory at a time; a pyarrow data set would load the whole table.
+    Only one row group is in memory at a time, whereas a pyarrow data set would load the whole table.
     """
     with pq.ParquetFile(path) as file:
         lengths = (file.metadata.row_group(group).num_rows for group in range(file.num_row_groups))
@@ -88,14 +91,14 @@ def read_selected(path: Path, columns: Sequence[str], keep: pc.Expression | None
 
     Text columns are read as Arrow dictionaries, which need only one or two bytes per row.
     """
-    # Text columns that only the condition uses are not read as dictionaries: before pyarrow 26, no element of a
-    # dictionary without entries counts as null.
+    # Text columns that only the condition uses are not read as dictionaries. The reason is an error of pyarrow before
+    # version 26: if a dictionary has no entries, none of its elements counts as null.
     text = [f.name for f in pq.read_schema(path) if pa.types.is_string(f.type) and f.name in columns]
     return pq.read_table(path, columns=list(columns), filters=keep, read_dictionary=text).unify_dictionaries()
 
 
 def read_column(path: Path, name: str) -> np.ndarray:
-    """Return one column of a table: text as an array of objects, numbers and bools as float64 with NaN for nulls."""
+    """Return one column of a table as an array: objects for text, float64 for numbers and bools, with NaN for nulls."""
     found = read_selected(path, [name])[name]
     if pa.types.is_dictionary(found.type):
         return found.to_pandas().to_numpy(dtype=object)
@@ -108,7 +111,7 @@ def read_where_present(path: Path, name: str) -> np.ndarray:
 
 
 def read_codes(path: Path, name: str, values: Sequence[str]) -> np.ndarray:
-    """Return, for each row, the index in `values` of the text in the column `name`; -1 if it is not in `values`."""
+    """Return, for each row, the index in `values` of the text in the column `name`; -1 if the text is not there."""
     known = read_selected(path, [name])[name].combine_chunks().dictionary_encode()
     place = {value: i for i, value in enumerate(values)}
     places = [place.get(text, -1) for text in known.dictionary.to_pylist()]

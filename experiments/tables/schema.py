@@ -29,10 +29,10 @@ _ARROW_TYPES: dict[ColumnType, pa.DataType] = {
 }
 
 #: Placeholder in the name and the meaning of a column that a table has once for every ball or contact. The number of
-#: the ball or contact replaces it.
+#: the ball or contact is put in its place.
 _NUMBER = "{i}"
 
-#: Kinds of cells whose tables have a column: only pairs, balls in a line (pairs and chains), only graphs, or all.
+#: Kinds of cells whose tables have a column: only pairs, balls in a line (pairs and chains), only graphs, or all kinds.
 _PAIRS: tuple[CellKind, ...] = ("pair",)
 _LINES: tuple[CellKind, ...] = ("pair", "chain")
 _GRAPHS: tuple[CellKind, ...] = ("graph",)
@@ -43,8 +43,8 @@ _ALL: tuple[CellKind, ...] = ("pair", "chain", "graph")
 class Counts:
     """Number of balls and contacts in the tables of an experiment, and the directions of velocities.
 
-    A column by ball stands for one column per ball. In a contact graph it stands for one per ball and direction,
-    because velocities there have the two components x and z (up).
+    A column by ball stands for one column per ball. In a contact graph it stands for one column per ball and direction,
+    because velocities in a graph have two components, x and z (up).
     """
 
     balls: int
@@ -70,7 +70,7 @@ class Column:
     type: ColumnType
     #: Unit of the values; "-" for values without a dimension.
     unit: str
-    #: What the values are, in words for a reader of the table. In a template ``{i}`` stands in place of the number.
+    #: Meaning of the values, in words for a reader of the table. In a template ``{i}`` stands in place of the number.
     meaning: str
     #: Whether the table has the column once, or once for every ball or contact.
     per: Literal["row", "ball", "contact"] = "row"
@@ -78,7 +78,10 @@ class Column:
     kinds: tuple[CellKind, ...] = _ALL
 
     def expand(self, counts: Counts) -> tuple[Column, ...]:
-        """Return the columns that this column stands for, numbered from 1; only itself if it is no template."""
+        """Return the columns for which this column stands, numbered from 1.
+
+        If the column is no template, it stands only for itself.
+        """
         match self.per:
             case "row":
                 return (self,)
@@ -346,7 +349,7 @@ MEASURES: Columns = (
         kinds=_PAIRS,
     ),
 )
-#: Columns with the model's results in the cell of the row.
+#: Columns with the model's results in the cell to which the row belongs.
 MODEL: Columns = (
     Column("model_states", "text", "-", "sequence of states of the state-transition model", kinds=_PAIRS),
     Column(
@@ -365,12 +368,15 @@ MODEL: Columns = (
 
 @dataclass(frozen=True, eq=False)
 class TableSpec:
-    """Description of a table of a run: its columns, and the columns and rows of the parts that it is made of."""
+    """Description of a table of a run: its columns, and which columns and rows of the parts it is made from.
+
+    A part is a file with the rows of one chunk of cells.
+    """
 
     columns: Columns
     #: For each column, the name of the column in the parts that holds its values.
     source: tuple[str, ...]
-    #: Condition that a row of a part fulfils if the table has it; None if the table has all rows.
+    #: Condition that a row of a part fulfils if the table has this row; None if the table has all rows.
     keep: pc.Expression | None = None
     #: Whether the table is written as a CSV file too.
     csv: bool = True
@@ -381,10 +387,10 @@ class TableSpec:
         return arrow_schema(self.columns)
 
     def select(self, rows: pa.Table) -> pa.Table:
-        """Return the table that some rows of parts make up.
+        """Return the table that is made from some rows of parts.
 
-        The table is empty if the parts lack one of its columns. So the table ``ladder``, which is about engines, is
-        empty in a run without engines.
+        The table is empty if the parts lack one of its columns. For example, the table ``ladder`` is about engines, and
+        is empty in a run without engines.
         """
         if not set(self.source) <= set(rows.column_names):
             return self.schema.empty_table()
@@ -396,7 +402,7 @@ class TableSpec:
 class Layout:
     """Columns of the tables of an experiment, and of the parts from which the tables are put together."""
 
-    #: What every cell is: a pair, a chain or a graph.
+    #: Kind of all cells of the experiment: pairs, chains or graphs.
     kind: CellKind
     #: Largest number of balls, and of contacts, that a cell has.
     counts: Counts
@@ -412,7 +418,7 @@ class Layout:
 
 
 def expand_columns(columns: Iterable[Column], counts: Counts) -> Columns:
-    """Return columns, where each column by ball or by contact is replaced by the columns that it stands for."""
+    """Return columns, with each column by ball or by contact replaced by the columns for which it stands."""
     return tuple(single for column in columns for single in column.expand(counts))
 
 
@@ -428,7 +434,7 @@ def pick(columns: Iterable[Column], names: Iterable[str]) -> Columns:
 
 
 def union(*groups: Iterable[Column]) -> Columns:
-    """Return the columns of several groups in sequence. Of columns with the same name only the first is kept."""
+    """Return the columns of several groups in sequence. If columns have the same name, only the first is kept."""
     by_name: dict[str, Column] = {}
     for group in groups:
         for column in group:

@@ -1,7 +1,8 @@
 """Interactive charts of the page, drawn by Bokeh: a map of the cells, and the impulse curves of the open cell.
 
-They need the table of divergence of a finished run. The map shows D over k2/k1 (two balls) or over the number of balls
-(chains), and other axes. A click on a tile of the map opens a cell. The page of a run and `explore` call this module.
+The map needs the table of divergence of a finished run. It shows D over k2/k1 for two balls, or over the number of
+balls for chains, and over other axes. A click on a tile of the map opens a cell. The page of a run and `explore` call
+this module.
 """
 
 from __future__ import annotations
@@ -45,22 +46,22 @@ from impact_xval.experiments.tables.frames import Frame
 from impact_xval.experiments.tables.numbers import join_words
 from impact_xval.experiments.tables.parquet import read_column
 
-#: Largest number of tiles of a map: a browser draws so many without delay, and a page has room for them.
+#: Largest number of tiles of a map. A browser draws this number without delay, and a page has room for it.
 TILES = 1000
 
-#: Largest number of values of an axis that is never put into bins.
+#: An axis with at most this number of values is never put into bins.
 _FEW = 24
 
 #: Labels of the axes of pairs, chains and graphs, by name.
 LABELS = AXES | CHAIN_AXES | GRAPH_AXES
 
-#: Label of graphs on an axis that they do not have.
+#: Label for graphs on an axis that these graphs do not have.
 _ABSENT = "-"
 
 #: Smallest D on the scale of colours; smaller D have the same colour.
 _FLOOR = 1e-4
 
-#: Largest number of labels of an axis.
+#: Largest number of labels along an axis of a chart.
 _LABELS = 60
 
 
@@ -69,9 +70,9 @@ class Tiles:
     """Tiles of a map, with one axis of the run along the map and one or more axes up its side.
 
     Tiles without a cell are left out. `places` has one row per tile: its position ``across`` and ``above``, the labels
-    of its ``column`` and ``row``, and the ``cell`` that it opens. That is the unmarked cell with the largest D by any
-    solver, or a marked cell if the tile has no other. `medians` has one row per tile and one column per compared
-    solver: the median D of the unmarked cells, NaN where nothing was compared.
+    of its ``column`` and ``row``, and the ``cell`` that it opens. A tile opens the unmarked cell with the largest D by
+    any solver. If all its cells are marked, it opens a marked cell. `medians` has one row per tile and one column per
+    compared solver: the median D of the unmarked cells, or NaN if no cell of the tile was compared.
     """
 
     along: str
@@ -83,8 +84,9 @@ class Tiles:
 def make_tiles(table: DivergenceTable) -> Tiles:
     """Return the map of the compared cells of a run.
 
-    As many axes as there is room for are up the side, in the order of the tables. With all axes, a tile is one cell of
-    the grid. For chains only axes count that have several values, and a value in every cell.
+    Axes are put up the side of the map in the order of the tables, as long as there is room. If all axes have room, a
+    tile is one cell of the grid. For chains only those axes are used that have several values, and a value in every
+    cell.
     """
     rows = table.rows.assign(d=table.measure("velocity_divergence"))
     rows["cell"] = read_column(table.path, "cell").astype(np.int64)
@@ -130,10 +132,10 @@ def make_tiles(table: DivergenceTable) -> Tiles:
 
 
 def cells_piece(tiles: Tiles, n_cells: int, packed: str, solvers: Sequence[str], kind: CellKind) -> Markup:
-    """Return the HTML of the map of a run and of its open cell.
+    """Return the HTML with the map of a run and with the cell that is open.
 
-    At least one solver was compared. `packed` has the contents of the cells that open, as `opened.pack_cells` returns
-    them.
+    At least one solver was compared with the model. `packed` has the compressed contents of the cells that a reader can
+    open, as `opened.pack_cells` returns them.
     """
     plots = {"map": _draw_map(tiles)} | ({"curves": curves_chart(solvers)} if kind == "pair" else {})
     return render_template(
@@ -154,7 +156,7 @@ def cells_piece(tiles: Tiles, n_cells: int, packed: str, solvers: Sequence[str],
 
 
 def bokeh_script() -> Markup:
-    """Return the script of Bokeh as HTML, so that the page that contains it loads nothing."""
+    """Return the script of Bokeh as HTML, so that a page with this script loads nothing from elsewhere."""
     return Markup(Resources(mode="inline", components=["bokeh"], log_level="error").render_js())
 
 
@@ -225,7 +227,7 @@ def velocities_chart(solvers: Sequence[str]) -> figure:
 
 
 def _empty_chart(name: str, across: str, up: str) -> figure:
-    """Return a chart without curves that can be moved and zoomed, with its legend below."""
+    """Return a chart without curves, which a reader can move and zoom, with a legend below."""
     plot = figure(
         height=420,
         sizing_mode="stretch_width",

@@ -1,7 +1,7 @@
 """Contents of a cell that opens on the page: results, impulse curves, causes, commands and scene.
 
-They need the folder of a finished run, whose exact solvers are run again for the curves. The page of a run calls this
-module.
+The functions here need the folder of a finished run. They run the exact solvers of the run again for the curves. The
+page of a run calls this module.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from impact_xval.model.collision import Collision
 from impact_xval.model.outcome import Outcome
 from impact_xval.model.status import RESULT_STATUSES
 
-#: Decimals of the impulses of a curve: ten times finer than a screen shows.
+#: Number of decimals of the impulses of a curve, ten times finer than a screen shows.
 _DIGITS = 4
 
 
@@ -48,7 +48,7 @@ Curve = list[list[float]]
 class SolverResult(TypedDict):
     """Result of one solver in a cell."""
 
-    #: Name of the solver for readers, and its name in tables.
+    #: Name of the solver for readers, and name of the solver in tables.
     name: str
     solver: str
     status: str
@@ -66,14 +66,14 @@ class SolverResult(TypedDict):
 
 
 class CellContents(TypedDict, total=False):
-    """Contents of a cell that opens on the page, without keys that its kind of run does not have."""
+    """Contents of a cell that a reader can open on the page; keys that do not apply to the kind of run are missing."""
 
     #: Values of the axes of the run as text, by label.
     at: dict[str, str]
     results: Required[list[SolverResult]]
     #: Sentence on the causes of divergence for each engine.
     causes: Required[list[str]]
-    #: Commands that show the cell on a terminal: a description and a command line each.
+    #: Commands that show the cell on a terminal, each as a description and a command line.
     commands: list[list[str]]
     #: Impulse curves of two balls by solver.
     curves: dict[str, Curve]
@@ -90,8 +90,8 @@ def pack_cells(folder: RunFolder, cells: Sequence[int]) -> str:
 def collect_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, CellContents]:
     """Return the contents of cells of a run, by number of the cell.
 
-    Only exact solvers have impulse curves, because they are solved again. Other solvers have the final impulses that
-    the tables of the run hold.
+    Only exact solvers have impulse curves, because they solve the cells again here. Other solvers have only the final
+    impulses from the tables of the run.
     """
     config = folder.config()
     pair, axes = config.kind == "pair", AXES_OF[config.kind]
@@ -173,9 +173,8 @@ def _commands_for_cell(root: Path, config: Config, row: Record) -> list[list[str
     given = {axis: row[axis] for axis in axes if row[axis] is not None}
     given |= {name: row[name] if name in row else getattr(config, name) for name in ours}
     for ratio, (quantity, _) in RATIO_OF.items():
-        if (
-            quantity in row and quantity in config.grid.in_si
-        ):  # the quantity gives the same bits again, a rounded ratio may not
+        # The quantity gives the same bits again, but a rounded ratio may give other bits.
+        if quantity in row and quantity in config.grid.in_si:
             given[quantity] = row[quantity]
             del given[ratio]
     again = " ".join(f"--{name.replace('_', '-')} {value}" for name, value in given.items())
@@ -221,9 +220,9 @@ def _exact_curves(config: Config, collisions: Sequence[Collision]) -> list[dict[
 
 
 def impulse_curve(collision: Collision, outcome: Outcome) -> Curve | None:
-    """Return the impulse curve of an outcome; None if the outcome has no path or is no result.
+    """Return the impulse curve of an outcome; None if the outcome has no path or does not count as a result.
 
-    Points are left out if the line through the other points shows the same curve.
+    A point is left out if the line through the other points shows the same curve without it.
     """
     path = outcome.path
     if outcome.status not in RESULT_STATUSES or path is None:

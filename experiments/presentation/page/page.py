@@ -1,6 +1,7 @@
 """Sections of the page of a run: for two balls on a table, for chains of balls, and for contact graphs.
 
-They need the folder, the `Summary` and the captions of the figures of a finished run. `report` calls them.
+The functions here need the folder, the `Summary` and the captions of the figures of a finished run. `report` calls
+them.
 """
 
 from __future__ import annotations
@@ -66,7 +67,7 @@ _HYPOTHESIS = Markup(
     "a page with a verdict for every limiting case and solver."
 )
 
-#: Sentences about the contact laws that most runs have, by the name of the solver.
+#: Sentences about the contact laws of the solvers that most runs have, by the name of the solver.
 _LAWS = {
     "kelvin-voigt": (
         "Exact Kelvin-Voigt is the exact solution for contacts that are springs with dashpots, the law of contacts in "
@@ -116,7 +117,10 @@ GLOSSARY = (
 
 
 def pack_opening_cells(_: object, folder: RunFolder) -> str:
-    """Return the packed contents of the cells that open on the page of a finished run, as `pack_cells` does."""
+    """Return the contents of the cells that a reader can open on the page of a finished run, compressed.
+
+    The form is the one that `pack_cells` returns.
+    """
     return pack_cells(folder, make_tiles(load_divergence(folder, folder.config())).places.cell.tolist())
 
 
@@ -125,7 +129,8 @@ def run_blocks(
 ) -> list[Block]:
     """Return the blocks of the page of a finished run.
 
-    `cells` returns the packed contents of the cells that open on the page. It is not called if no cell opens.
+    `cells` is a function that returns the compressed contents of the cells that a reader can open on the page. The
+    function is not called if the page has no such cells.
     """
     kind, unit = summary.config.kind, row_noun(summary)[:-1]
     pair = kind == "pair"
@@ -155,7 +160,7 @@ def run_blocks(
 
 
 def _figure_blocks(captions: Captions, *names: str) -> list[Block]:
-    """Return the blocks of figures, without those figures that were not drawn."""
+    """Return the blocks of figures; figures that were not drawn are left out."""
     return [Figure(name, captions[name]) for name in names if name in captions]
 
 
@@ -181,8 +186,9 @@ def _opening(summary: Summary) -> Piece:
 def _numbers_to_remember(summary: Summary) -> Iterator[tuple[Value | str, str]]:
     """Yield up to three numbers to remember, each with its text.
 
-    For pairs and chains they are an engine's median D from the model, its median distance from its own contact law, and
-    the share of its largest cause. For graphs they are an engine's largest D and the largest asymmetry.
+    For pairs and chains the numbers are about one engine: its median D from the model, its median distance from its own
+    contact law, and the share of its largest cause. For graphs they are an engine's largest D and the largest
+    asymmetry.
     """
     if summary.config.kind == "graph":
         for name in solvers_of_sentences(summary)[:1]:
@@ -273,7 +279,7 @@ def _answer_questions(summary: Summary, captions: Captions) -> list[Block]:
 
 
 def _answer_questions_of_graphs(summary: Summary, captions: Captions) -> list[Block]:
-    """Return the sections of a run of graphs whose titles are questions, each with its answer and its figure."""
+    """Return the sections, for a run of graphs, whose titles are questions, each with its answer and its figure."""
     names = compared_solvers(summary)
     over_stiffness = [_describe_extremes(summary, name, "stiffness_ratio") for name in names]
     over_angle = [_describe_extremes(summary, name, "angle") for name in names]
@@ -326,7 +332,10 @@ def _describe_extremes(summary: Summary, name: str, axis: str) -> str:
 
 
 def _describe_state_order(summary: Summary, name: str) -> Markup:
-    """Say how often a solver has the same sequence of contact states as the model, and as its own contact law."""
+    """Say how often a solver has the same sequence of contact states as the model.
+
+    It also says how often the sequence equals that of the exact solver of the solver's own contact law.
+    """
     sentence = fill_sentence(
         "{solver} has the same sequence of contact states as the model in {equal} of the {n} {cells} that the model "
         "solves without the closed form of a limiting case (such as e = 0)",
@@ -345,7 +354,7 @@ def _describe_state_order(summary: Summary, name: str) -> Markup:
 
 
 def _cell_blocks(folder: RunFolder, summary: Summary, packed: str) -> list[Block]:
-    """Return the map of the cells that open, and the table of the cells with the largest D."""
+    """Return the map of the cells that a reader can open, and the table of the cells with the largest D."""
     tiles = make_tiles(load_divergence(folder, summary.config))
     opens, unit = set(tiles.places.cell), row_noun(summary)
     piece = cells_piece(tiles, summary.n_cells, packed, summary.config.solvers, summary.config.kind)
@@ -482,7 +491,10 @@ def _effective_section(folder: RunFolder) -> Section:
 
 
 def _status_section(summary: Summary) -> Section:
-    """Return the section that counts results by status, with reasons for missing results, and D in marked cells."""
+    """Return the section that counts results by status.
+
+    It also shows the reasons for missing results, and D in marked cells.
+    """
     statuses, unit, more = summary.statuses, row_noun(summary), len(summary.reasons) - _REASONS
     counts = [(display_name(name), *row) for name, *row in statuses.itertuples()]
     reasons = [(display_name(name), *rest) for name, *rest in summary.reasons.head(_REASONS).to_numpy()]
@@ -503,7 +515,7 @@ def _status_section(summary: Summary) -> Section:
 
 
 def _method_section(folder: RunFolder, summary: Summary) -> Section:
-    """Return the section on the method and on what it leaves out."""
+    """Return the section on the method and on what the comparison leaves out."""
     span: list[str] = []
     if summary.config.scenario == "drop":
         values = read_column(folder.table_path("cells.parquet"), "gravity_number")

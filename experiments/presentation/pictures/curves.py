@@ -1,6 +1,6 @@
 """Figures of one collision by several solvers: impulse curves of two balls; velocities and forces of a chain.
 
-They need outcomes with paths, or the table of curves of a run. The figures of a run and the option ``--plot`` of
+The figures need outcomes with paths, or the table of curves of a run. The figures of a run and the option ``--plot`` of
 `solve` call this module.
 """
 
@@ -217,7 +217,7 @@ def _draw_wave(curves: Frame, config: Config) -> Figure:
             for contact, forces in enumerate(row["forces"], start=1):
                 shade = colormaps["viridis"](0.92 * (contact - 1) / max(1, len(row["forces"]) - 1))
                 ax.plot(row["time"], forces, color=shade, label=f"contact {contact}", linewidth=1.2)
-            if place + across >= len(rows):  # no panel is below this one
+            if place + across >= len(rows):  # there is no panel below this panel
                 ax.set_xlabel("time / sqrt(m1/k1) (-)" if config.figure_chain.exponent == 1 else "time (-)")
                 ax.tick_params(labelbottom=True)
             ax.set_title(display_name(row["solver"]))
@@ -230,6 +230,6 @@ def _draw_wave(curves: Frame, config: Config) -> Figure:
 
 
 def end_of_wave(row: Record) -> float:
-    """Return the instant at which all but `TAIL` of the impulses of a chain has passed."""
+    """Return the instant from which on only the fraction `TAIL` of the impulses of a chain has still to pass."""
     time, total = row["time"], np.sum(np.stack(row["forces"]), axis=0)
     return instant_of_tail(time, np.append(0, np.cumsum(np.diff(time) * 0.5 * (total[1:] + total[:-1]))))

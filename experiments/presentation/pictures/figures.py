@@ -1,6 +1,6 @@
 """Figures of a run, drawn from its tables, each with a caption that can be read without other text.
 
-They need the folder and the `Summary` of a finished run. `report` calls this module.
+The figures need the folder and the `Summary` of a finished run. `report` calls this module.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.frames import AxisValue, Frame, Record
 from impact_xval.experiments.tables.numbers import number
 
-#: Smallest D on logarithmic axes, about the rounding errors of the solvers. Smaller D are drawn at this value.
+#: Smallest D on logarithmic axes, about as large as the rounding errors of the solvers. A smaller D is drawn at this
+#: value.
 _FLOOR = 1e-6
 
 #: Largest error of a velocity, per |v0|, that a recommended time step may cause.
@@ -53,7 +54,7 @@ _AXIS_LABELS = {
     "e": "restitution e of every contact (-)",
 }
 
-#: Names of the figures of graphs, by the axis that they are drawn over.
+#: Names of the figures of graphs, by the axis over which the figure is drawn.
 _FIGURES_OF_GRAPHS = {
     "stiffness_ratio": "divergence-by-stiffness",
     "angle": "divergence-by-angle",
@@ -80,9 +81,10 @@ def write_figures(folder: RunFolder, summary: Summary) -> dict[str, str]:
 
 
 def _draw_figures(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
-    """Draw the figures of a run, without those that would be empty."""
+    """Draw the figures of a run; figures that would be empty are left out."""
     config, pair = summary.config, summary.config.kind == "pair"
-    curves = folder.read_table(CURVES).to_pandas()  # raises for a damaged folder before anything is drawn
+    # If the folder is damaged, this raises an error before anything is drawn.
+    curves = folder.read_table(CURVES).to_pandas()
     if config.kind == "graph":
         yield from _draw_graphs(folder, summary)
         return
@@ -133,7 +135,7 @@ def _draw_over_axis(
 ) -> Figure:
     """Draw a measure over an axis: its median with the 5th to 95th percentile, or its mean if it is a share.
 
-    `panels` has by title of the panel the rows that it shows and the values of the axis.
+    `panels` has, for each panel by its title, the rows that the panel shows and their values on the axis.
     """
     with styled_figure(2.6 * len(panels) + 3.6, 3.2) as figure:
         axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
@@ -162,10 +164,11 @@ def _draw_over_axis(
 
 
 def recommended_steps(summary: Summary) -> list[Record]:
-    """Return the error estimates of engines, each with the largest step that is small enough, as ``enough``.
+    """Return the error estimates of engines, each with a time step that is short enough, under the key ``enough``.
 
-    With the step ``enough``, which is divided by the period of the faster contact, the error is at most `ACCEPTED` in
-    95 % of the cells. It is extrapolated from the step of the run by the measured order of the error.
+    ``enough`` is the largest time step, in periods of the faster contact, with which the error of an engine is at most
+    `ACCEPTED` in 95 % of the cells. This step is extrapolated from the step of the run by the measured order of the
+    error.
     """
     rows = summary.estimates.to_dict("records") if summary.config.kind == "pair" else []
     return [

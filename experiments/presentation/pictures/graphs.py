@@ -1,6 +1,6 @@
 """Figure of one contact graph: bodies, contact normals, and velocities before and after, with one panel per solver.
 
-It needs a graph in the plane and its outcomes. The option ``--plot`` of `solve --graph` calls it.
+The figure needs a graph in the plane and its outcomes. The option ``--plot`` of `solve --graph` calls this module.
 
 A graph has no positions. Bodies are therefore drawn along the normals of their contacts, as balls of equal radius that
 touch. A body whose contacts have arms (points of contact away from its centre) is drawn as the box of its arms.
@@ -85,7 +85,7 @@ def _half_sizes(collision: GraphCollision) -> list[Floats]:
 
 
 def _lay_out(collision: GraphCollision, sizes: Sequence[Floats]) -> Floats:
-    """Return the centres of the B bodies, shape (B, 2), so that bodies in contact are side by side."""
+    """Return centres for the B bodies of a graph, shape (B, 2), such that bodies in contact are side by side."""
     places: dict[int, Floats] = {}
     while len(places) < len(sizes):
         start = next(body for body in range(len(sizes)) if body not in places)

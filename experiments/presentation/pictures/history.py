@@ -1,15 +1,16 @@
 """A collision over time, made from the path of an outcome: forces, heights and active contacts at any instant.
 
-It needs an outcome with a path. The animation (`motion`) and the figure of forces call this module.
+A history needs an outcome with a path. The animation (`motion`) and the figure of forces call this module.
 
 **Units** are those of `Collision.units`, in which m1 = k1 = 1 and balls meet with speed 1. The unit of time is
-sqrt(m1/k1) if contacts are linear. The unit of impulse is m1 abs(v0). The unit of force is their quotient.
+sqrt(m1/k1) if contacts are linear. The unit of impulse is m1 abs(v0). The unit of force is the unit of impulse over the
+unit of time.
 
-**Time of the model.** References and engines move in time. The model is stated in impulses I, and has no time. Its path
-carries the time that its contact forces F = sqrt(2 k E) would need for these impulses, where k is the stiffness and E
-the elastic energy of a contact. With dI = F dt, equation (15), dI2/dI1 = sqrt(k2 E2/(k1 E1)), describes two springs in
-time. This time is infinite or meaningless for a contact of zero or infinite stiffness. A collision with such a contact
-has no history.
+**Time of the model.** References and engines move in time. The model is stated in impulses I, and has no time. The path
+of the model has times nevertheless: the time that contact forces F = sqrt(2 k E) would need for these impulses, where k
+is the stiffness and E the elastic energy of a contact. With dI = F dt, equation (15), dI2/dI1 = sqrt(k2 E2/(k1 E1)),
+describes two springs in time. This time is infinite or meaningless for a contact of zero or infinite stiffness. A
+collision with such a contact has no history.
 
 **Forces** are differences of the impulses between neighbouring points of the path, divided by the differences in time.
 They belong to the middles of these intervals. **Heights** are integrals of the velocities. The model has no positions,
@@ -28,7 +29,7 @@ from impact_xval.model.arrays import Floats
 from impact_xval.model.collision import Collision
 from impact_xval.model.path import Path
 
-#: Fraction of the impulses that may pass after the time shown, because balls may meet again much later.
+#: Fraction of the impulses that may pass after the last instant that is shown, because balls may meet again much later.
 TAIL = 1e-3
 
 
@@ -78,7 +79,7 @@ class History:
         """
 
         def of(known: Floats, values: Floats) -> Floats:
-            """Return values, which are known at some instants, interpolated at the given instants."""
+            """Return values interpolated at the given instants, from values that are known at some other instants."""
             of_columns: list[Floats] = [np.interp(instants, known, column) for column in values.T]
             return np.column_stack(of_columns)
 
@@ -93,7 +94,7 @@ class History:
 
 
 def instant_of_tail(time: Floats, passed: Floats) -> float:
-    """Return the instant at which all but a fraction `TAIL` of an impulse has passed.
+    """Return the instant from which on only the fraction `TAIL` of an impulse has still to pass.
 
     `passed` is the impulse that has passed at each instant of `time`.
     """
@@ -101,7 +102,7 @@ def instant_of_tail(time: Floats, passed: Floats) -> float:
 
 
 def make_history(collision: Collision, path: Path, gravity: float = 0.0) -> History | None:
-    """Return the history of a path in the units of its collision; None if its times are not finite.
+    """Return the history of a path in the units of its collision; None if the times of the path are not finite.
 
     With gravity (in m/s^2), the lower of two balls starts in static equilibrium on the table.
     """
@@ -109,7 +110,8 @@ def make_history(collision: Collision, path: Path, gravity: float = 0.0) -> Hist
     time = path.time / unit.time
     if not (np.isfinite(time).all() and time[-1] > 0):
         return None
-    # A point on the border of two states is in the path once for each state. The last of them has the next state.
+    # A point on the border of two states is in the path twice, once for each state. The second of the two has the next
+    # state.
     kept = np.append(np.diff(time) > 0, True)
     time, velocities = time[kept], path.velocities[kept] / unit.velocity
     steps = 0.5 * (velocities[1:] + velocities[:-1]) * np.diff(time)[:, None]

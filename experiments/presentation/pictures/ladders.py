@@ -1,12 +1,13 @@
 """Figures of the causes of divergence (docs/ladder.md): the shares of the causes over axes, and trust maps.
 
-They need the `LadderSummary` and the table of ladders of a finished run. A ladder splits the difference between an
-engine and the model into causes. `figures` calls this module.
+The figures need the `LadderSummary` and the table of ladders of a finished run. A ladder splits the difference between
+an engine and the model into causes. `figures` calls this module.
 
 A trust map shows where in the plane of k2/k1 and m2/m1 an engine stays near the model, and which cause is the largest
-elsewhere. A field of the plane holds the cells of all restitutions. The typical level of a field is the level of D that
-its median cell stays within. The strict level is the level that all of its cells stay within. The blamed cause of a
-field has the largest sum of components over the cells of the field that are beyond the lowest level.
+elsewhere. A field is one pair of these two ratios, and holds the cells with all restitutions. The map distinguishes a
+few levels of D. The typical level of a field is the lowest level that is not exceeded in its median cell. The strict
+level is the lowest level that is not exceeded in any of its cells. The blamed cause of a field explains the cells of
+the field that are beyond the lowest level: it has the largest sum of components over these cells.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ from impact_xval.experiments.tables.frames import Frame
 from impact_xval.experiments.tables.numbers import number, percent
 from impact_xval.experiments.tables.parquet import read_column, read_selected
 
-#: Figures and the axes that they are drawn over. The first two are for two balls, the other two for chains.
+#: Figures, each with the axes over which it is drawn. The first two figures are for two balls, the other two for
+#: chains.
 _STACKS = {
     "ladder-by-stiffness": ("stiffness_ratio",),
     "ladder-by-restitution": ("e1", "e2"),
@@ -57,10 +59,11 @@ _WHISKERS = (-0.24, -0.08, 0.08, 0.24)
 #: Levels of D that a trust map distinguishes, the lowest first.
 LEVELS = (0.01, 0.05, 0.2)
 
-#: Colours of the fields of each level, and of fields beyond the last level, which colour-blind readers can tell apart.
+#: Colours of fields: one colour for each level, and one for fields beyond the last level. Colour-blind readers can tell
+#: the colours apart.
 _COLORS = ("#08519C", "#6BAED6", "#FEE391", "#A63603")
 
-#: Colour, in the panel of causes, of fields that have no cell beyond the lowest level.
+#: Colour of fields that have no cell beyond the lowest level, in the panel of causes.
 _WITHIN = "0.9"
 
 #: Vertical and horizontal axis of the plane of a trust map.
@@ -68,7 +71,7 @@ _PLANE = ["mass_ratio", "stiffness_ratio"]
 
 
 def draw_ladders(ladder: LadderSummary) -> Iterator[Drawn]:
-    """Draw all figures of the shares of causes; none if no engine has a result."""
+    """Draw all figures of the shares of causes; draw no figure if no engine has a result."""
     for name, axes in _STACKS.items():
         known_axes = [axis for axis in axes if axis in ladder.axes]
         if known_axes:
@@ -77,7 +80,7 @@ def draw_ladders(ladder: LadderSummary) -> Iterator[Drawn]:
 
 
 def _ladder_caption(over: str, ladder: LadderSummary) -> str:
-    """Return the caption of a figure of the shares of causes over one or two axes."""
+    """Return the caption of a figure that shows the shares of causes over one or two axes."""
     causes = "dissipation law and gravity" if ladder.orders == "six" else "and dissipation law"
     return (
         f"Causes of the mean velocity divergence D between each engine and the model, over {over}. Each cause is a "
@@ -112,7 +115,7 @@ def _draw_panels(ladder: LadderSummary, axes: Sequence[str]) -> Figure:
 
 
 def _draw_bars(ax: Axes, ladder: LadderSummary, wide: Frame) -> None:
-    """Draw the mean D of one engine and a bar for each of its contributions, above or below zero by its sign."""
+    """Draw the mean D of one engine and a bar for each contribution, upwards if positive and downwards if negative."""
     total = wide.total.max(axis=1).to_numpy()
     x, above, below = np.arange(len(wide)), np.zeros(len(wide)), np.zeros(len(wide))
     for c in ladder.present:
@@ -139,9 +142,11 @@ def make_trust_maps(folder: RunFolder, config: Config) -> Frame | None:
     The index is the engine, the mass ratio and the stiffness ratio. Columns:
 
     * ``cells``: number of compared cells
-    * ``typical``: position in `LEVELS` of the level that the median cell stays within, 3 beyond all levels
-    * ``strict``: position in `LEVELS` of the level that every cell stays within, 3 beyond all levels
-    * ``blamed``: name of the blamed contribution, NaN if no cell is beyond the lowest level
+    * ``typical``: position in `LEVELS` of the lowest level that is not exceeded in the median cell; 3 if all levels are
+      exceeded
+    * ``strict``: position in `LEVELS` of the lowest level that is not exceeded in any cell; 3 if all levels are
+      exceeded
+    * ``blamed``: name of the contribution that explains the cells beyond the lowest level; NaN without such cells
 
     The result is None if no engine has a result, or if k2/k1 or m2/m1 has a single value.
     """
@@ -169,7 +174,7 @@ def make_trust_maps(folder: RunFolder, config: Config) -> Frame | None:
 
 
 def draw_trust(trust: Frame | None) -> Iterator[Drawn]:
-    """Draw the trust maps; nothing if there are none."""
+    """Draw the trust maps; draw nothing if there are no trust maps."""
     if trust is not None:
         engines = sort_by_law(trust.index.unique("solver"))
         yield "trust-map", _draw_trust_map(trust, engines), _trust_caption(trust, engines)

@@ -1,6 +1,7 @@
 """Animation of one collision in slow motion: balls, contacts and forces by the model and by other solvers.
 
-It needs outcomes with paths. The option ``--plot`` of `solve` calls this module for ``.gif`` and ``.html`` files.
+An animation needs outcomes with paths. The option ``--plot`` of `solve` calls this module for ``.gif`` and ``.html``
+files.
 
 Balls on a table are drawn upright, with the panels of the solvers side by side. Balls in a line without a table are
 drawn lying, with one panel below the other. Ball 1 is then on the left, and moves to the right at first.
@@ -51,7 +52,7 @@ from impact_xval.model.status import RESULT_STATUSES
 #: Picture of shape (height, width, 3).
 Pixels = NDArray[np.uint8]
 
-#: Contact states of two balls on a table, by number less 1.
+#: Contact states of two balls on a table. The number of a state is its index plus 1.
 _STATES = ("S1: both contacts active", "S2: ball on table", "S3: ball on ball", "S4: no contact active")
 
 #: Largest number of solvers that are shown beside the model.
@@ -67,18 +68,19 @@ _DPI = 100
 #: Number of colours of a frame.
 _COLORS = 128
 
-#: Colours of contacts 1 and 2 of two balls. Each is the colour of the state in which the contact is active alone.
+#: Colours of contacts 1 and 2 of two balls. Each colour is also that of the state in which only this contact is active.
 CONTACT_COLORS = ("#D55E00", "#0072B2")
 #: Colours of the balls, which alternate, and of springs without force.
 _BALLS, _IDLE = ("#B0B0B0", "#D0D0D0"), "0.75"
 
-#: Natural length of a spring in a scene, and the fraction of it by which the largest compression shortens the spring.
+#: Natural length of a spring in a scene, and the fraction of this length by which the largest compression shortens the
+#: spring.
 _SPRING, _COMPRESSED = 0.6, 0.8
 #: Largest and smallest radius of a ball, room above the balls, and room for balls to move away without a table.
 _RADIUS, _SMALL, _RISE, _FALL = 0.45, 0.16, 0.7, 1.4
-#: Length of the arrow of a velocity of abs(v0), and of the bar of the largest force.
+#: Length of the arrow that stands for the speed abs(v0), and length of the bar that stands for the largest force.
 _ARROW, _BAR = 0.7, 0.75
-#: Points of a drawn spring: position across, and height above its lower end over its length.
+#: Points of a drawn spring: position across the spring, and height above its lower end, divided by its length.
 _ZIGZAG = (
     np.array([0, 0, 1, -1, 1, -1, 1, -1, 0, 0]) * 0.12,
     np.array([0, 0.1, 0.17, 0.3, 0.43, 0.57, 0.7, 0.83, 0.9, 1]),
@@ -126,7 +128,7 @@ class SlowMotion:
         """Return the animation of the model and at most `MOST` other solvers, in the order of the outcomes.
 
         `config` holds the settings that the outcomes were solved with. `chain` is the arrangement of the balls if the
-        collision is a chain. A ValueError says that only the model has a path in finite time.
+        collision is a chain. A ValueError is raised if no solver other than the model has a path in finite time.
         """
         drop, histories, left_out = config.scenario == "drop", {}, {}
         for name in sorted(outcomes, key=lambda name: name != REFERENCE):
@@ -164,7 +166,7 @@ class SlowMotion:
 
     @property
     def rigid(self) -> list[str]:
-        """Solvers with rigid contacts, whose forces last one time step and exceed the scale of the other solvers.
+        """Solvers with rigid contacts, whose forces last one time step and exceed the scale of other solvers' forces.
 
         The list is empty if all solvers have rigid contacts.
         """
@@ -180,7 +182,8 @@ class SlowMotion:
     def instants(self) -> Floats:
         """Instants of the frames.
 
-        The last one is a little after every solver has passed all but a fraction `TAIL` of its impulses.
+        For each solver there is an instant from which on only a fraction `TAIL` of the impulses has still to pass. The
+        last frame is a little later than the latest of these instants.
         """
         ends = (
             instant_of_tail(history.time, history.impulses.sum(axis=1)) for history in self.histories.values()
@@ -244,14 +247,15 @@ def _moving_artists(
     """
     radii, at_rest = _at_rest(motion.collision)
     middles, top = at_rest + scale * now.heights, at_rest[0] + radii[0] + _RISE
-    tops = np.append(middles + radii, 0.0)[1:]  # tops of the bodies below the contacts, the table last
+    # Heights of the tops of the bodies below the contacts, the table last.
+    tops = np.append(middles + radii, 0.0)[1:]
     ends = list(zip(tops, np.minimum(middles - radii, tops + _SPRING), strict=True))
     contacts = list(
         zip(ends, motion.colors, now.acting, now.forces, strict=False)
     )  # without a table the last ball has no contact below it
 
     def place(across: _Coordinate, up: _Coordinate) -> tuple[_Coordinate, _Coordinate]:
-        """Return where a point is drawn; in a lying scene the top is on the left."""
+        """Return the place where a point is drawn; if balls are drawn lying, the top is on the left."""
         return (-up, across) if motion.lies else (across, up)
 
     for (low, high), color, acts, _ in contacts:
@@ -278,8 +282,8 @@ def _moving_artists(
 def draw_frames(motion: SlowMotion) -> Iterator[Pixels]:
     """Yield the frames of an animation, each of shape (height, width, 3).
 
-    Each solver has a scene, and the forces of its contacts over time below or beside it. Parts that do not move are
-    drawn only once.
+    Each solver has a scene, and the forces of its contacts over time below or beside it. What does not move is drawn
+    only once.
     """
     instants, histories = motion.instants, motion.histories.values()
     visible = {name: (history, history.time <= instants[-1]) for name, history in motion.histories.items()}
@@ -330,7 +334,7 @@ def _frame_size(motion: SlowMotion) -> tuple[float, float]:
 
 
 def _set_up(figure: Figure, motion: SlowMotion, least: float, most: float) -> list[SolverAxes]:
-    """Draw all parts that do not move, and return the axes of each solver.
+    """Draw everything that does not move, and return the axes of each solver.
 
     The axes of forces reach from `least` to `most`.
     """

@@ -1,10 +1,10 @@
 """The three figures of the paper's supplement, drawn again: exact impulse curves and the numbers printed there.
 
-It needs nothing but the model. The command `figures` calls this module.
+The figures need only the model. The command `figures` calls this module.
 
 The supplement of Jia, Mason and Erdmann (IJRR 32(1), 2013) draws the impulse I2 over the impulse I1, per m1 abs(v0),
-with the lines l1 (v1 = v2) and l2 (v2 = 0), at which compression ends. docs/errata.md has its parameters (44), and says
-how exact its printed digits are.
+with the lines l1 (v1 = v2) and l2 (v2 = 0), at which compression ends. The figures use the parameters (44) of the
+paper, which docs/theory.md lists. docs/errata.md says how exact the printed digits of the supplement are.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ from impact_xval.model import Collision, Outcome, solve
 _STATES = {1: "#000000", 2: "#0072B2", 3: "#D55E00"}
 _PRINTED = "#AA3377"
 
-#: For each figure: section of the supplement, and difference of its printed and the exact velocities, per |v0|.
+#: For each figure: the section of the supplement, and the difference between the printed and the exact velocities, per
+#: |v0|. The difference is empty if no velocities are printed.
 _FIGURES = {"1": ("3.1", "6e-4"), "2": ("3.2", "5e-3"), "3": ("3.4", "")}
 
 
@@ -51,7 +52,7 @@ class Panel:
     detail: float = 0.0
 
     def printed_end(self) -> list[tuple[float, float]]:
-        """Return the final point (I1, I2) that the printed velocities imply; empty without printed velocities.
+        """Return the final point (I1, I2) that follows from the printed velocities; empty without printed velocities.
 
         I1 = 1 + v1 and I2 = I1 + m2 v2, per m1 abs(v0).
         """
@@ -63,8 +64,8 @@ class Panel:
 
 def _panels() -> tuple[Panel, ...]:
     """Return the six panels of the supplement."""
-    # Parameters (44) of the main paper. They were inferred from the supplement, at the stiffness ratios of its figures
-    # 1(b) and 2(b).
+    # These are the parameters (44) of the main paper. They were inferred from the supplement, at the stiffness ratios
+    # of its figures 1(b) and 2(b).
     m2, e1, e2, of = 2 / math.sqrt(3), 0.9, 0.7, Collision.from_ratios
     foot = m2 / (1 + m2)
     corners = ((foot, 0.0), ((1 + e1) * foot, 0.0), ((1 + e1) * foot, e1 * m2))
@@ -167,7 +168,7 @@ def _draw_curve(ax: Axes, panel: Panel, outcome: Outcome) -> None:
 
 
 def _write_numbers(ax: Axes, panel: Panel, outcome: Outcome) -> None:
-    """Write the exact numbers below the printed ones."""
+    """Write the exact numbers below the printed numbers."""
     rows = [
         ("", "v1/|v0|", "v2/|v0|", "states"),
         ("printed", *(panel.velocities or ("none", "none")), panel.states),
