@@ -144,10 +144,10 @@ def _pick_one(given: dict[str, float | None], group: Sequence[Legal], names: str
     """Raise a ValueError if not exactly one quantity of a group is given."""
     present = [legal.name for legal in group if given[legal.name] is not None]
     if not present:
-        raise ValueError(f"{names}: none given; legal: one of them, which decides the others")
+        raise ValueError(f"{names}: none given; legal: one of them; the others follow from it")
     if len(present) > 1:
         values = " and ".join(f"{name} = {given[name]!r}" for name in present)
-        raise ValueError(f"{values}: each decides the other; legal: one of {names}")
+        raise ValueError(f"{values}: each follows from the other; legal: one of {names}")
 
 
 def stiffness_from_sink(sink: float, load: float) -> float:

@@ -192,7 +192,7 @@ def _with_marks(outcomes: Outcomes, law: Law, grazing_threshold: float) -> Outco
 def no_positions(collisions: Collisions) -> str:
     """Return the message that the model does not accept gaps."""
     largest = float(collisions.gaps.max())
-    return f"gaps of up to {largest!r} m: the model has no positions; legal: 0 (the references know gaps)"
+    return f"gaps of up to {largest!r} m: the model has no positions; legal: 0 (the references accept gaps)"
 
 
 def _solve_chains(

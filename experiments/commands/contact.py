@@ -278,7 +278,7 @@ def _body_pairs_of_numbers(
     springs = [name for name in ("stiffness", "duration", "sink") if name in asked]
     if step is not None and springs:
         raise ValueError(
-            f"step = {step!r} beside {springs[0]}: each decides the other; legal: one of {SPRING_NAMES}"
+            f"step = {step!r} beside {springs[0]}: each follows from the other; legal: one of {SPRING_NAMES}"
         )
     contacts = bodies_of_contacts(masses)
     columns = {name: _numbers_of(name, values, len(contacts)) for name, values in asked.items()}

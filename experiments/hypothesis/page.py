@@ -55,7 +55,7 @@ _LIMITING_CASES = {
 }
 _MEANINGS = {
     "solver": "what solved the collisions: an exact law, or an engine",
-    "the pair is one by": "what makes the pair one body, by the verdicts on the model and on exact bistiffness",
+    "made one body by": "what makes the pair one body, by the verdicts on the model and on exact bistiffness",
     "limiting case": "one of the six cases that are reached as the contrast grows",
     "elastic contacts": "which contacts of the points have e = 1; if e1 or e2 → 0, whether the other contact has e = 1",
     "bodies at first": "whether the bodies of the stiff contact first meet with different velocities, or have the same",
@@ -189,7 +189,7 @@ def _verdict_table(results: HypothesisResults) -> Table:
     rows = [(name, *map(Markup, cells)) for name, *cells in table.rows]
     if {MODEL, LAW_IN_TIME} <= {*results.solvers}:
         pairs = zip(*(wholes[wholes.solver == one].verdict for one in (MODEL, LAW_IN_TIME)), strict=True)
-        made_one = ("the pair is one by", *(Markup(_MECHANISM.get(pair, "-")) for pair in pairs))
+        made_one = ("made one body by", *(Markup(_MECHANISM.get(pair, "-")) for pair in pairs))
         rows.insert(results.solvers.index(LAW_IN_TIME) + 1, made_one)
     return replace(table, rows=rows)
 

@@ -46,17 +46,17 @@ WRONG = [
     (f"{ASK} --stiffness 1 --masses 1 inf 2", "--masses = 1 inf 2: of three bodies only the last one may be"),
     (
         f"{ASK} --duration 1e-3 --stiffness 1",
-        "--stiffness = 1.0 and duration = 0.001: each decides the other",
+        "--stiffness = 1.0 and duration = 0.001: each follows from the other",
     ),
     (
         f"{ASK} --duration 1e-3 --step 1e-3",
-        "--step = 0.001 beside duration: each decides the other; legal: one of",
+        "--step = 0.001 beside duration: each follows from the other; legal: one of",
     ),
     (
         f"{ASK} --damping 1 --sink 1",
-        "--restitution = 0.7 and damping = 1.0: each decides the other; legal: one of",
+        "--restitution = 0.7 and damping = 1.0: each follows from the other; legal: one of",
     ),
-    (ASK, "--stiffness, duration, step or sink: none given; legal: one of them, which decides the others"),
+    (ASK, "--stiffness, duration, step or sink: none given; legal: one of them; the others follow from it"),
     ("contact --engine mujoco --masses 1 1 --sink 1", "--restitution, damping or damping-ratio: none given"),
     (
         f"{ASK} --stiffness 1 2",

@@ -207,7 +207,7 @@ def test_the_page_and_the_command_show_the_verdicts_of_the_tables(made):
             verdict = f"{row.verdict} {getattr(row, f'n_{row.verdict}', row.n_undecided)}/{row.points}"
             assert cell.startswith(f"{verdict} {close}<br>{more.get(row.verdict, '')}")
             assert verdict in said
-    assert "they move,<br>the pair parts again" in shown["the pair is one by"][2]
+    assert "they move,<br>the pair parts again" in shown["made one body by"][2]
     assert said.count(LAWS_WITH_LAWS) == page.count(LAWS_WITH_LAWS) == 1
 
 
