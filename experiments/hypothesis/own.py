@@ -292,7 +292,7 @@ def own_pair_blocks(own: OwnPair) -> Iterator[Block]:
         if at_table
         else f"they are one body of {number(sum(masses[place : place + 2]), 6)} kg, with the momentum of both"
     )
-    first = "meet with different velocities" if own.meets else "have one velocity at first"
+    first = "meet with different velocities" if own.meets else "have one velocity at the start"
     yield (
         f"Contact {place + 1}, between {own.bodies}, is {number(own.contrast, 6)} times as stiff as any other; its "
         f"bodies {first}. Welded, {united}."
