@@ -174,6 +174,7 @@ def describe_shared_laws(solvers: Iterable[str]) -> str:
         if len(group) > 1:
             names = capitalise_first(join_words(map(display_name, group)))
             said.append(
-                f"{names} were asked for the same contact law, so where they agree, this is no independent confirmation."
+                f"{names} were asked for the same contact law, so where they agree, this is no independent "
+                "confirmation."
             )
     return " ".join(said)
