@@ -239,7 +239,10 @@ def _describe_direct_stiffness(
     else:
         gets = f"get at most {format_extremes([stiffness * other.scale for other in alike])} N/m"
     at = f"an impedance of {format_extremes(impedances)}" if impedances else f"solimp {dmin:g} to {dmax:g}"
-    return f"the stiffness {stiffness:g} is in 1/s^2. Two bodies alone {gets}, and with {at} a third body changes that"
+    return (
+        f"the stiffness {stiffness:g} is in 1/s^2. Two bodies alone {gets}. With {at} a third body that touches one of "
+        "them changes the stiffness"
+    )
 
 
 def describe_damping_ratio(solref: tuple[float, float], measured: Sequence[MeasuredContact] = ()) -> str:

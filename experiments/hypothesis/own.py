@@ -42,7 +42,7 @@ from impact_xval.experiments.hypothesis.judging import (
 )
 from impact_xval.experiments.presentation.document import Block, Table
 from impact_xval.experiments.presentation.words import display_name
-from impact_xval.experiments.tables.numbers import join_words, number
+from impact_xval.experiments.tables.numbers import number
 from impact_xval.model.arrays import Floats
 from impact_xval.model.collision import MAX_BALLS, Collision
 from impact_xval.model.outcome import Outcome
@@ -292,7 +292,7 @@ def own_pair_blocks(own: OwnPair) -> Iterator[Block]:
         if at_table
         else f"they are one body of {number(sum(masses[place : place + 2]), 6)} kg, with the momentum of both"
     )
-    first = "meet with different velocities" if own.meets else "have one velocity at first"
+    first = "meet with different velocities" if own.meets else "have one velocity at the start"
     yield (
         f"Contact {place + 1}, between {own.bodies}, is {number(own.contrast, 6)} times as stiff as any other; its "
         f"bodies {first}. Welded, {united}."
@@ -311,11 +311,6 @@ def own_pair_blocks(own: OwnPair) -> Iterator[Block]:
         f"D is at most {CLOSE:g} at your contrast. As the contrast grows: where D goes as only this contact becomes "
         f"stiffer, up to a contrast of {highest}."
     )
-    for answer in ("yes", "no"):
-        laws = [law for law in own.laws if law.as_one == answer]
-        if laws:
-            by = join_words(f"{display_name(law.solver)} (D = {number(law.distances[0], 2)})" for law in laws)
-            yield f"As one body, by D from the welded pair at your contrast: {answer} by {by}."
     if own.meets:
         yield (
             "The bodies of the stiff contact collide with each other first, and restitution parts them. The hypothesis "

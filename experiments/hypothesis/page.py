@@ -169,7 +169,7 @@ def _chains_as_one(results: HypothesisResults) -> Iterator[str]:
         f"{display_name(solver)} {supported}" for solver, first, supported, *_ in places if first != "meet"
     ]
     if counts:
-        yield f"Chains whose stiff pair has one velocity at first, and moves as one: {', '.join(counts)}."
+        yield f"Chains whose stiff pair has one velocity at the start, and moves as one: {', '.join(counts)}."
 
 
 def _verdict_table(results: HypothesisResults) -> Table:

@@ -323,7 +323,7 @@ def scene_blocks(
     ]
 
 
-#: Header of the table that says what to write into a scene for another contact.
+#: Header of the table that says what to write into a scene for the contact that its author may have meant.
 _TO_WRITE = ("group", "contact", "e", "duration, s", "solref", "condim", "friction", "step, s", "e of drops")
 
 
@@ -335,10 +335,11 @@ def _caption_of_what_to_write(has_readings: bool, has_advice: bool) -> str:
     pair = f'<pair geom1="A" geom2="B" solimp="{_FORCE_LEVEL}" .../>'
     if has_readings and has_advice:
         return (
-            f"What to write for another contact. Rows with a condim: {pair}. Rows without a condim: a new solref in "
-            "place of the old one"
+            "What to write for the contact that you may have meant. Rows with a condim: a "
+            f"{pair}. Rows without a condim: a new solref in place of the old one"
         )
-    return f"What to write for another contact: {pair if has_readings else 'a new solref in place of the old one'}"
+    what = pair if has_readings else "a new solref in place of the old one"
+    return f"What to write for the contact that you may have meant: {what}"
 
 
 #: The solimp of every <pair> that is proposed.

@@ -165,15 +165,16 @@ def describe_restitution_product(solvers: Iterable[str], e: float = 0.9) -> str:
 
 
 def describe_shared_laws(solvers: Iterable[str]) -> str:
-    """Say which solvers solve the same contact law; empty if no two solvers do.
+    """Say which solvers were asked for the same contact law; empty if no two solvers were.
 
-    The agreement of such solvers confirms nothing.
+    If such solvers agree, this confirms nothing.
     """
     said: list[str] = []
     for group in group_by_law(solvers).values():
         if len(group) > 1:
             names = capitalise_first(join_words(map(display_name, group)))
             said.append(
-                f"{names} solve the same contact law, so their agreement is no independent confirmation."
+                f"{names} were asked for the same contact law, so where they agree, this is no independent "
+                "confirmation."
             )
     return " ".join(said)

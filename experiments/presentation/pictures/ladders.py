@@ -182,20 +182,20 @@ def draw_trust(trust: Frame | None) -> Iterator[Drawn]:
 
 def _trust_caption(trust: Frame, engines: Sequence[str]) -> str:
     """Return the caption of the trust maps, with the share of trusted fields of each engine."""
-    first, second, third = (number(100 * level) for level in LEVELS)
+    first, second, third = map(number, LEVELS)
     said = ""
     for name in engines:
         fields = trust.loc[name]
         within = percent((fields.typical <= 1).mean())
-        said += f" {display_name(name)}: the median D is within {second} % in {within} of the fields"
+        said += f" {display_name(name)}: the median D is at most {second} in {within} of the fields"
         labels = [c.label for c in CONTRIBUTIONS if c.name in set(fields.blamed.mode())]
         said += f", and the most frequent largest cause is {labels[0]}." if labels else "."
     return (
         "Trust maps: how far each engine is from the model, over stiffness ratio k2/k1 and mass ratio m2/m1. A field "
         f"of a map holds the cells of all restitutions (at most {trust.cells.max()}). Left: whether the median D of "
-        f"the field is within {first} %, {second} %, {third} % or above. Middle: the same for the largest D. "
-        f"Right: the cause with the largest part of D, summed over the cells with D above {first} % (docs/ladder.md). "
-        f"The field is grey if no D is above {first} %. White fields have nothing to compare.{said} {LEFT_OUT}"
+        f"the field is at most {first}, {second} or {third}, or above. Middle: the same for the largest D. "
+        f"Right: the cause with the largest part of D, summed over the cells with D above {first} (docs/ladder.md). "
+        f"The field is grey if no D is above {first}. White fields have nothing to compare.{said} {LEFT_OUT}"
     )
 
 
@@ -204,7 +204,7 @@ def _draw_trust_map(trust: Frame, engines: Sequence[str]) -> Figure:
     shown = [c for c in CONTRIBUTIONS if (trust.blamed == c.name).any()]
     places = {c.name: place for place, c in enumerate(shown, start=1)}
     up, across = (sorted(trust.index.unique(axis)) for axis in _PLANE)
-    titles = ("median D", "largest D", f"largest cause of D above {100 * LEVELS[0]:g} %")
+    titles = ("median D", "largest D", f"largest cause of D above {LEVELS[0]:g}")
     with styled_figure(7.4, 1.4 + 1.45 * len(engines)) as figure:
         axes = figure.subplots(len(engines), 3, sharex=True, sharey=True, squeeze=False)
         for ax, title in zip(axes[0], titles, strict=True):
@@ -230,7 +230,7 @@ def _draw_trust_map(trust: Frame, engines: Sequence[str]) -> Figure:
         label_axis_values(axes[0, 0].yaxis, up, 6)
         for ax in axes[-1]:
             ax.set_xlabel("k2/k1 (-)")
-        names = [*(f"D up to {100 * level:g} %" for level in LEVELS), f"D above {100 * LEVELS[-1]:g} %"]
+        names = [*(f"D up to {level:g}" for level in LEVELS), f"D above {LEVELS[-1]:g}"]
         levels = [Patch(color=color, label=name) for color, name in zip(_COLORS, names, strict=True)]
         figure.legend(handles=levels, loc="outside lower left", ncols=2, fontsize=8)
         if shown:
