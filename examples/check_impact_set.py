@@ -7,7 +7,9 @@ Run every case of the set in your engine, without gravity and friction. The ball
     python check_impact_set.py answers.json
 
 or call `check` from a test. The distance from a law is D = sqrt(sum m (v - w)^2 / sum m v0^2). Here m are the masses, v
-the final velocities of the engine, w those of the law, and v0 the velocities at the start.
+the final velocities of the engine, w those of the law, and v0 the velocities at the start. Some laws have no outcome
+for some cases, so the number of compared cases differs from law to law. More energy than at the start need not be a
+fault of the engine: with unequal restitutions Newton's law itself may create energy.
 """
 
 import json
@@ -61,4 +63,9 @@ def main(path):
 
 
 if __name__ == "__main__":
-    main(sys.argv[1]) if len(sys.argv) == 2 else sys.exit(__doc__)
+    if sys.argv[1:] in (["-h"], ["--help"]):
+        print(__doc__)
+    elif len(sys.argv) == 2:
+        main(sys.argv[1])
+    else:
+        sys.exit(__doc__)
