@@ -64,7 +64,7 @@ def each(**values):
 
 
 def silent(self, outcomes):
-    # set past the check of `Outcome`, which refuses an empty reason
+    # makes outcomes that failed without a reason
     return [dataclasses.replace(o, reason="") for o in outcomes]
 
 

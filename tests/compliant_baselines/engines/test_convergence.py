@@ -178,7 +178,8 @@ def test_a_path_ends_with_the_outcome_and_its_forces_are_those_of_kelvin_voigt(e
         path, step = outcome.path, outcome.diagnostics["step"]
         assert path.velocities[-1] == pytest.approx(outcome.velocities, abs=0)
         assert path.active[0].all()
-        once = np.append(True, np.diff(path.time) > 0)  # a path holds each border between states twice
+        # A path has two samples at each time at which the set of active contacts changes. One of the two is left out.
+        once = np.append(True, np.diff(path.time) > 0)
         time, forces = path.time[once], path.forces[once]
         assert len(time) == outcome.diagnostics["n_steps"] + 1
         assert np.diff(time) @ forces[1:] == pytest.approx(outcome.impulses, rel=1e-12)

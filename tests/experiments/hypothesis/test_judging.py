@@ -28,7 +28,8 @@ def planted(departure, contrast=CONTRAST, **how):
     return found, judge_classes(found, ["solver"]).set_index("class")
 
 
-#: Stiffness contrasts as in a run of an engine, whose outcomes have an error of their own.
+#: Options of `planted` that imitate a run of an engine. Its stiffness contrasts span three decades only, and a rate is
+#: judged from two decades.
 ENGINE = {"decades": 2.0, "contrast": np.logspace(0.5, 3.5, 7)}
 #: For each series: the departure of v1 from the closed form, options of `planted`, the verdict, and a part of its
 #: reason, or the rate, or the offset.
@@ -44,7 +45,8 @@ SERIES = {
     # As the model does where it has no limit: a few outcomes are somewhere else, at any contrast.
     "jumps": (lambda x, i: np.where(default_rng(i).random(57) < 0.15, -0.2, 0.1 / x), {}, "no limit", ""),
     "drifts": (lambda x, i: 0.5 * x**-0.05, {}, "undecided", ""),
-    # No finite range of contrasts can exclude this. The page docs/hypothesis.md says that it is not shown.
+    # D falls to zero, but more slowly than any power of the contrast. Over a finite range of contrasts this looks like
+    # another limit, so the verdict is wrong. docs/hypothesis.md states this under "What is not shown".
     "drifts slower than any power": (lambda x, i: 0.5 / np.log(x), {}, "refuted", ""),
     "short": (lambda x, i: 1 / x, {"contrast": np.logspace(1, 4, 25)}, "undecided", "a rate needs 4: extend"),
     "gaps": (lambda x, i: 1 / x, {"used": np.isin(CONTRAST, CONTRAST[::18])}, "undecided", "are missing"),
