@@ -54,10 +54,11 @@ def compare(law, cells, number, frozen=False):
                 break
         assert off < 1e-9, i
         again += len(answer.states) > 3
-        if answer.limit:  # if bodies became one, a closed form gives the end
+        if answer.limit:  # if two bodies were united, a closed form gives the rest
             continue
         assert answer.end == end_of(batch)[i]
-        # the reference knows this end before the energy has fallen so far
+        # The reference recognises that both balls come to rest earlier than the integration does, which waits until the
+        # energy is small.
         if answer.end == "stuck" and not frozen:
             assert batch.diagnostics["duration"][i] < answer.duration + 1e-7
         else:

@@ -1,6 +1,7 @@
 """The command `inspect`, which measures the contacts of a MuJoCo scene.
 
-Its report of a scene fits on one screen, `--fix` writes a scene with changed contacts, and bad input is refused.
+Its report of a scene fits on one screen, `--fix` writes the scene with corrected contacts, and bad
+input is refused.
 """
 
 import re

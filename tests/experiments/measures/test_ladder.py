@@ -136,7 +136,7 @@ def test_contributions_add_up_to_the_divergence_for_any_corners(switches, balls)
     np.testing.assert_allclose(np.nansum(ladder.orders, axis=1), [ladder.divergence] * 6, rtol=1e-12)
     there = ~np.isnan(ladder.along)
     longest = ladder.norms * (1 + 1e-12) + 1e-15
-    # the component along the difference is no longer than the contribution's vector
+    # a contribution's component along the velocity difference is at most as long as the contribution
     assert np.all(np.abs(ladder.along) <= longest, where=there)
     low, high = ladder.ranges
     assert np.all((low <= ladder.shares + 1e-12) & (ladder.shares <= high + 1e-12), where=there)
