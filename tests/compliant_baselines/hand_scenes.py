@@ -1,8 +1,10 @@
 """Scenes written by hand as a user writes them, one function for each engine. They use nothing of the adapters.
 
-A scene has free bodies and a box as a floor. All settings are the engine's defaults except for the text that
-`impact-xval contact` prints for pasting. Each function takes a request, this text, a step h and a gap. It returns
-(restitution, duration). Velocities are read after every step, and the duration counts the steps with force.
+A scene has free bodies and a box as a floor. All settings are the engine's defaults, except those in the text that
+`impact-xval contact` prints, which a user pastes into the scene. Each function takes the requested contact with its
+two bodies, this text, a time step h and the initial gap between the bodies. It returns (restitution, duration). Both
+follow from the velocities after every step. The duration is h times the number of steps from the first to the last one
+with a contact force.
 """
 
 import logging

@@ -1,4 +1,4 @@
-"""Answers of solvers are checked: whatever a solver returns or raises, each collision gets one printable outcome."""
+"""The check of what a solver returns or raises: each collision gets one outcome that can be printed."""
 
 import dataclasses
 import math

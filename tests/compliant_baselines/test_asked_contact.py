@@ -1,4 +1,4 @@
-"""Contacts that are requested by any two of their properties, compared with a numerical integration of the motion."""
+"""Contacts that are specified by any two of their properties, compared with a numerical integration of the motion."""
 
 import math
 
@@ -143,7 +143,8 @@ def test_the_stiffest_contact_that_a_step_carries(engine, tolerance, asked):
     )
     assert drops.step == step
     assert drops.error(pair) <= tolerance
-    # The contact is about the stiffest: with 0.7 of its duration the error exceeds the tolerance.
+    # The contact is nearly as stiff as the tolerance allows. If it lasted 0.7 times as long, the error would exceed the
+    # tolerance.
     shorter = SingleImpact((0.45, 3.0), duration=0.7 * pair.motion.duration, **asked)
     assert find_extremes(solver, shorter, step).error(shorter) > tolerance
     # the stiffness has at most six digits, so that it can be typed in again exactly

@@ -64,7 +64,7 @@ def each(**values):
 
 
 def silent(self, outcomes):
-    # set past the check of `Outcome`, which refuses an empty reason
+    # For an outcome that has neither a result nor a reason, the constructor of `Outcome` raises a ValueError.
     return [dataclasses.replace(o, reason="") for o in outcomes]
 
 

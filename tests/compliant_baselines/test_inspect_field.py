@@ -1,4 +1,4 @@
-"""Scenes from public reports: what `inspect` measures and says, compared with their authors' numbers."""
+"""The command `inspect` on scenes from public reports: its numbers are compared with those of the reports' authors."""
 
 import mujoco
 import numpy as np

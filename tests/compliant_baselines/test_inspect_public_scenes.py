@@ -18,7 +18,7 @@ from tests.compliant_baselines import field_scenes
 
 @pytest.fixture(autouse=True)
 def enough_time(monkeypatch):
-    """Lift the time limit of `inspect`, so that a slow machine measures everything, too."""
+    """Remove the time limit of `inspect`, so that everything is measured on a slow machine, too."""
     monkeypatch.setattr(examination_module, "MOST_SECONDS", math.inf)
 
 

@@ -124,7 +124,7 @@ def test_pybullets_interval_holds_on_a_box_and_on_a_ball(masses):
     engine, pair = installed("pybullet"), SingleImpact(masses, 0.7, duration=1e-3, speed=0.5)
     found = find_extremes(engine, pair, 4e-6)
     assert_eight_drops_are_inside("pybullet", pair, found)
-    # Scenes of the adapter set another breaking threshold, which the engine keeps for the whole process.
+    # The project's adapter sets another breaking threshold, which the engine keeps for the whole process.
     engine.run(scenes_of(pair, 4e-6, [0.5]), 10_000)
     assert find_extremes(engine, pair, 4e-6) == found
 

@@ -1,4 +1,7 @@
-"""The filter for states of all solvers: its rules on sequences made by hand, and its use on paths of solvers."""
+"""The filter that leaves states out of a sequence if they are too short. A state is a set of active contacts.
+
+The rules of the filter are tested with sequences made by hand, and with the paths of solvers.
+"""
 
 import numpy as np
 
@@ -28,7 +31,7 @@ RULES = [
     ([(1, 50), (3, 3), (1, 30), (2, 40), (4, 1)], "S1 S3 S1 S2 S4"),
     # several short states in a row are joined to one
     ([(1, 50), (3, 1), (1, 1), (3, 2), (1, 2), (2, 40), (4, 1)], "S1 S2 S4"),
-    # short states that rule 1 makes equal count with their total length
+    # short states in a row that are equal after rule 1 count as one state with their total length
     ([(4, 1), (3, 1), (1, 1), (2, 40), (4, 1)], "S1 S2 S4"),
     # a free flight between contacts is kept
     ([(1, 50), (2, 40), (4, 10), (3, 30), (4, 1)], "S1 S2 S4 S3 S4"),

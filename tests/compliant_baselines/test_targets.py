@@ -22,8 +22,8 @@ PAGE = Path(__file__).parents[2] / "docs" / "contacts-in-engines.md"
 FAST = ("mujoco", "pybullet", "bullet", "pymunk", "dart", "rapier")
 #: Allowed relative error of e with 200 steps per contact. Backward Euler loses 2 %. In Newton, a dashpot that is active
 #: in compression is off by up to 1.6 %, depending on where within a step the bodies touch. VBD has both errors. Kamino
-#: pushes overlapping bodies apart by 0.01 of their depth per step (`constraints.gamma`). Here this is up to 0.01 of the
-#: speed, so up to 2 % of e = 0.5.
+#: pushes overlapping bodies apart by 0.01 of their depth per step (`constraints.gamma`). Here this changes the speed
+#: after the contact by up to 0.01 of the initial speed, which is 2 % of e = 0.5.
 ERRORS = {
     "pybullet": 0.025,
     "drake": 0.025,
@@ -193,7 +193,7 @@ def test_pybullets_text_holds_wherever_in_a_step_a_ball_meets_a_plane():
     target = runs(TARGETS["bullet"])
     asked = request(0.8, steps=30)
     assert drop_target(target, asked).restitution == pytest.approx((0.8, 0.8), rel=1e-6)
-    # If only the breaking threshold has the engine's default, the engine slows the ball across the gap ahead of touch.
+    # With the default of the breaking threshold alone, the engine slows the ball before the ball has crossed the gap.
     text = re.sub(r"contactBreakingThreshold=\S+,", "contactBreakingThreshold=0.02,", target.text(asked))
     changed = type(target)(**{**vars(target), "write": lambda _: text})
     low, high = drop_target(changed, asked).restitution

@@ -43,7 +43,7 @@ class Shifted(Solver):
 
 
 class ShiftedGraphs(Shifted):
-    """The model's answer to a contact graph, with ball 1 faster by 0.01 m/s along x."""
+    """A made-up solver that returns the model's answer to a contact graph, with ball 1 faster by 0.01 m/s along x."""
 
     def solve_graphs(self, collisions, settings):
         outcomes = []
@@ -54,7 +54,7 @@ class ShiftedGraphs(Shifted):
 
 
 class Perfect(Shifted):
-    """The model's answer, identical to the bit, also in the limit of a time step of zero."""
+    """A made-up engine whose answer equals the model's answer to the bit, also in the limit of a time step of zero."""
 
     def moved(self, collision, settings):
         o = solve(collision, path=settings.record_path)

@@ -55,7 +55,8 @@ def path_of(kappa, mu, e1, e2, points):
     options = PairOptions(cutoff=math.inf, max_events=10_000, stiffens=True, points=points)
     result, log = follow_with_paths(cells, options)
     state, time, v1, v2, forces = log.state, log.time, log.v1, log.v2, (log.F1, log.F2)
-    middle = np.append(np.diff(time), 1.0) > 0  # False at the last point of a smooth piece
+    # the value is False at the last point of a smooth piece of the path
+    middle = np.append(np.diff(time), 1.0) > 0
     begins = np.flatnonzero(np.append(True, ~middle[:-1]))
     stiffness = np.empty((2, state.size))
     for i, (rate, e) in enumerate(((v2 - v1, e1), (-v2, e2))):

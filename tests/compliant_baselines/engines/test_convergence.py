@@ -23,7 +23,7 @@ from impact_xval.model import Collision
 from tests.compliant_baselines.reference_cells import two_balls
 
 MU = 2 / 3**0.5
-# k2/k1, e1 and e2: equal stiffnesses, either contact stiffer, elastic contacts and others
+# k2/k1, e1, e2: equal stiffnesses or one stiffer contact, with or without losses
 CELLS = [(1.0, 0.9, 0.7), (40.0, 0.9, 0.7), (1 / 40, 0.9, 0.7), (100.0, 0.5, 0.5), (0.3, 1.0, 0.6)]
 FRACTIONS = np.array([0.01, 0.005, 0.0025, 0.00125])
 
@@ -52,7 +52,8 @@ def test_first_order_convergence_to_kelvin_voigt(engine):
 
 def test_elastic_cells_converge_at_second_order_in_mujoco():
     # MuJoCo's semi-implicit Euler is symplectic. Without damping its error soon falls below the error of the impedance.
-    # The end of a contact falls anywhere within a step, so that the error varies below an envelope of second order.
+    # The end of a contact can fall anywhere within a step. Therefore the error varies, below a bound of second order
+    # in the step.
     fractions = np.array([0.04, 0.03, 0.02, 0.015, 0.01, 0.007, 0.005])
     for ratio in (1.0, 40.0, 1 / 40):
         c, engine = two_balls(ratio, MU, 1.0, 1.0), get_solver("mujoco")
@@ -160,7 +161,10 @@ def test_a_chain_has_the_limit_of_kelvin_voigt(engine, chain):
 
 
 def test_gaps_and_speeds_beyond_a_hundred(engine):
-    """Separate balls meet one after the other, at any speed; by default PyBullet limits multibodies to 100 m/s."""
+    """Balls with gaps between them meet one after the other, at speeds up to 500 m/s.
+
+    By default PyBullet limits the speed of its multibodies to 100 m/s.
+    """
     chain = Collision((1, 1, 1), (1e4, 1e4), (1, 0.8), (-500, 0, 0), gaps=(0, 40.0))
     exact = get_solver("kelvin-voigt").solve(chain)
     outcome = engine.solve(chain, SETTINGS)
@@ -178,7 +182,8 @@ def test_a_path_ends_with_the_outcome_and_its_forces_are_those_of_kelvin_voigt(e
         path, step = outcome.path, outcome.diagnostics["step"]
         assert path.velocities[-1] == pytest.approx(outcome.velocities, abs=0)
         assert path.active[0].all()
-        once = np.append(True, np.diff(path.time) > 0)  # a path holds each border between states twice
+        # A path has two samples at each time at which the set of active contacts changes. One of the two is left out.
+        once = np.append(True, np.diff(path.time) > 0)
         time, forces = path.time[once], path.forces[once]
         assert len(time) == outcome.diagnostics["n_steps"] + 1
         assert np.diff(time) @ forces[1:] == pytest.approx(outcome.impulses, rel=1e-12)
@@ -190,6 +195,7 @@ def test_a_path_ends_with_the_outcome_and_its_forces_are_those_of_kelvin_voigt(e
         # In MuJoCo's first step there are no contacts yet, because balls that only just touch have no depth.
         off = np.abs(forces[2:] - theirs[1:])
         assert off.max() < 1.5 * step
-        # The largest errors are left out: where within its last step a contact opens is chance and has no order.
+        # The largest errors are left out. They come from the last step of a contact, within which the contact opens at
+        # a random place.
         errors.append(np.quantile(off, 0.95))
     assert slope([4, 2, 1], errors) == pytest.approx(1, abs=0.05)

@@ -80,7 +80,8 @@ def test_running_out_of_steps_is_a_timeout(engine):
 
 
 def test_a_step_too_long_for_the_damping_is_no_answer():
-    # An explicit dashpot is unstable if c h/M exceeds 2. With zeta = 5 and a step of a tenth of a period it is 6.
+    # A dashpot c that is integrated explicitly with step h is unstable if c h/M exceeds 2, where M is the reduced mass.
+    # With a damping ratio of 5 and a step of a tenth of a period, c h/M is 6.
     (outcome,) = get_solver("mujoco").solve_many([cell(e1=0.01, e2=0.01)], Settings(step_fraction=0.1))
     assert outcome.status in ("unconverged", "crashed", "timeout")
     assert outcome.reason
@@ -160,7 +161,7 @@ def test_a_path_has_the_states_of_its_outcome_and_not_too_many_points(engine, sc
     o = engine.solve(c, settings)
     path = o.path
     assert stepping.PATH_POINTS / 2.1 < len(path.time) <= stepping.PATH_POINTS + 4 * len(o.states) + 100
-    # the path has the states of the outcome, and holds each border between states twice
+    # the path has the states of the outcome, and two samples at each time at which the active contacts change
     change = np.flatnonzero(np.diff(path.state))
     walked = tuple(f"S{s}" for s in path.state[np.append(change, -1)])
     assert (walked if walked[-1] == "S4" else (*walked, "S4")) == o.states
@@ -169,7 +170,7 @@ def test_a_path_has_the_states_of_its_outcome_and_not_too_many_points(engine, sc
 
 def test_plastic_balls_in_a_drop_on_a_rigid_table_are_at_rest_after_a_step():
     class Falling(ToyEngine):
-        refusal = Engine.refusal  # the example's own refusal concerns drops only
+        refusal = Engine.refusal  # the example itself refuses drops only
 
     for scenario in ("impact", "drop"):
         outcome = Falling().solve(cell(e1=0.0, e2=0.0), Settings(scenario=scenario))
@@ -180,7 +181,8 @@ def test_plastic_balls_in_a_drop_on_a_rigid_table_are_at_rest_after_a_step():
 def test_pybullet_client_is_given_back():
     p = pytest.importorskip("pybullet")
     solver = get_solver("pybullet")
-    taken = p.connect(p.DIRECT)  # a client of somebody else, which the solver must leave alone
+    # a PyBullet client that the solver did not connect, and that it must not change
+    taken = p.connect(p.DIRECT)
     try:
         p.setGravity(0, 0, -3, physicsClientId=taken)
         beside = solver.solve(cell(), COARSE)

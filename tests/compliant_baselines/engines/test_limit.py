@@ -40,8 +40,8 @@ def test_limits_gain_an_order_where_the_runs_show_it():
     for n, orders, power in ((3, 2, 2), (4, 2, 3), (5, 2, 3), (4, 1, 2)):
         coarse, fine = (missed(h, n, orders) for h in (2e-2, 1e-2))
         assert np.log2(coarse / fine) == pytest.approx(power, abs=0.1)
-    # If the corrections have both signs, the velocity is extrapolated at first order: they come from where within a
-    # step the bodies touch.
+    # If the changes from step to step have both signs, the velocity is extrapolated at first order. Such changes depend
+    # on where within a step the bodies touch.
     velocities = np.array([0.36, 0.334, 0.3145, 0.3067])
     limit, *_ = extrapolate(np.column_stack([velocities, 0 * velocities]), 0.0, PAIR)
     assert limit[0] == 2 * velocities[-1] - velocities[-2]
@@ -95,7 +95,7 @@ def test_a_rate_that_turns_around_is_not_extrapolated():
 
 
 def test_a_vibration_that_steps_damp_has_a_limit_within_its_error():
-    for x in (0.3, 0.1, 0.02):  # share of the vibration that is left at the shortest step
+    for x in (0.3, 0.1, 0.02):  # the fraction of the vibration that is left at the shortest step
         limit, error, _ = extrapolate(sequence(lambda h, x=x: 0.3 + 0.01 * x ** (4 * h)), 0.0, PAIR)
         assert 0.5 * error < 0.31 - limit[0] < error
 
@@ -238,8 +238,9 @@ def test_trying_every_cell_finds_no_other_jump(name, g):
     np.testing.assert_array_equal(screened.change[marked], tried.change[marked])
 
 
-#: k2/k1, m2/m1, e1 and e2 beside a jump: either B1 falls on B2 again, or B2 comes to rest just before. By the exact law
-#: B1 then ends with 0.0004 or with about 0.95 of |v0|.
+#: k2/k1, m2/m1, e1 and e2 of a drop that is close to a jump of its outcome. By the exact law, B2 comes to rest here
+#: just before B1 would fall on it again, and B1 ends with 0.0004 |v0|. On the other side of the jump B1 falls on B2
+#: again, and B1 ends with about 0.95 |v0|.
 BESIDE_A_JUMP = (0.0019638078578694557, 1.4209566336503359, 0.9792807125092937, 0.8738534904062736)
 
 
@@ -306,10 +307,10 @@ def test_impacts_bring_velocities_no_further_from_the_separated_ones(law):
 
 
 def test_a_meeting_too_slow_to_matter_ends_a_collision(engine):
-    """Elastic balls that should end at rest drift together slowly: the collision ends, and its limit is right.
+    """A collision ends although its elastic balls still approach each other very slowly, and its limit is right.
 
-    Their speeds are 1e-8 m/s, or an effect of the step. The velocities are compared with those of single impacts, to
-    the stated error.
+    In the exact outcome these balls are at rest. Their remaining speeds are 1e-8 m/s, or an error that depends on the
+    time step. The velocities agree with those of single impacts within the stated error of the limit.
     """
     cradle = Collision((1,) * 5, (1e8,) * 4, (1,) * 4, (-1, 0, 0, 0, 0), gaps=(0, 1e-3, 1e-3, 1e-3))
     wall = Collision((1, 1), (1e8, 1e8), (1, 1), (-1, 0), table=True, gaps=(1e-3, 1e-3))

@@ -79,7 +79,7 @@ def test_newton_ends_as_the_exact_law(name, scenario, collision, velocities, tol
 def test_newton_conforms_without_a_word_of_warp_and_refuses_what_it_has_no_digits_for(name):
     command = [sys.executable, "-m", "impact_xval", "solvers", name]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
-    # A busy machine may print that something takes long. This message is not Warp's.
+    # On a busy machine another library may print that something takes long. This message is not from Warp.
     assert [line for line in done.stderr.splitlines() if "has taken" not in line] == []
     assert [line.split()[0] for line in done.stdout.splitlines()] == ["passed"] * len(checks(LAW))
     (outcome,) = get_solver(name).solve_many([Collision.two_balls(1, 2, 1, 1e9, 1, 1)], Settings())
@@ -146,6 +146,9 @@ def test_xpbd_conforms_and_refuses_drops_and_other_mappings():
 
 @installed
 def test_xpbd_loses_momentum_where_a_ball_touches_two():
-    """XPBD loses momentum: a ball with two contacts gets the mean of their impulses, other balls get all of theirs."""
+    """XPBD loses momentum: a ball with two contacts gets only the mean of the two impulses.
+
+    A ball with one contact gets the whole impulse.
+    """
     v = get_solver("newton:xpbd").solve(make_chain(-1.0, 0.0, 0.0)).velocities
     assert v == pytest.approx((0.5, -0.5, -0.5), abs=1e-5)  # total momentum is -0.5 kg m/s instead of -1

@@ -215,7 +215,7 @@ def test_what_rounding_decides_is_marked():
     for solver in ("bistiffness", "kelvin-voigt", "mujoco"):
         (outcome,) = get_solver(solver).solve_many([STACK], Settings(step_fraction=0.05))
         assert outcome.status == "ok", outcome.reason
-        # so large an error is the reason for the mark
+        # the outcome has a mark (a warning) because its error is so large
         assert np.abs(np.subtract(outcome.velocities, TRUTH)).max() > 0.1
         assert outcome.mark.startswith("a change of 1e-06 in masses and stiffnesses moves the exact outcome")
 

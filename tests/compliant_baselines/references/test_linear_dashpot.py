@@ -1,7 +1,8 @@
 """The linear dashpot, whose contact may pull.
 
-Single contacts are compared with the closed form, chains and drops with an integration of forces that depend on
-positions and rates only. `linear_dashpots.jsonl` holds outcomes of chains with many events, computed in 113 bits
+Single contacts are compared with the closed form. Chains, and drops of two balls with gravity, are compared with a
+numerical integration in time. In this integration each force is a function of the overlap and its rate only, and a
+contact has no other state. `linear_dashpots.jsonl` holds outcomes of chains with many events, computed in 113 bits
 (__float128) by an independent program. Between events it uses power series of order 34 in time. It finds events by the
 signs of functions and slopes, and then by bisection.
 """

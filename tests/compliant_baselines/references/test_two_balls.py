@@ -24,7 +24,8 @@ LONGEST = 1500
 MU = 2 / math.sqrt(3)
 LAWS = [("kelvin-voigt", 12), ("hunt-crossley", 8), ("linear-dashpot", 8), ("bistiffness", 6)]
 MANY = [("kelvin-voigt", 500), ("hunt-crossley", 500), ("linear-dashpot", 500), ("bistiffness", 12)]
-#: Law, number of pairs, seed, and whether positions are frozen.
+#: Contact law, number of random pairs of balls, seed of the random numbers, and whether positions are frozen. Frozen
+#: positions do not change during the collision.
 RANDOM = [(*law, seed, frozen) for law in LAWS for seed, frozen in ((7, False), (34, True))]
 RANDOM += [pytest.param(*law, 20240, False, marks=pytest.mark.nightly) for law in MANY]
 
@@ -53,10 +54,11 @@ def compare(law, cells, number, frozen=False):
                 break
         assert off < 1e-9, i
         again += len(answer.states) > 3
-        if answer.limit:  # if bodies became one, a closed form gives the end
+        if answer.limit:  # if two bodies were united, a closed form gives the rest
             continue
         assert answer.end == end_of(batch)[i]
-        # the reference knows this end before the energy has fallen so far
+        # The reference recognises that both balls come to rest earlier than the integration does, which waits until the
+        # energy is small.
         if answer.end == "stuck" and not frozen:
             assert batch.diagnostics["duration"][i] < answer.duration + 1e-7
         else:

@@ -137,6 +137,6 @@ def test_the_solver_keeps_the_contract(name, engine, capfd):
 def test_numbers_beyond_single_precision_are_refused_or_told(name, engine):
     with pytest.raises(SolverError, match="unrepresentable: masses, velocities or a step beyond 1e"):
         engine.solve(make_chain(-1.0, 0.0, masses=(1e-40, 1.0)))
-    if name == "rapier":  # Rapier stops bodies of a size of some km without a message
+    if name == "rapier":  # Rapier sets bodies of a size of some km to rest without a warning
         with pytest.raises(SolverError, match=r"crashed: .*quarantine"):
             engine.solve(make_chain(-1e6, 0.0, table=True))

@@ -1,6 +1,6 @@
 """Rigid laws of contact graphs, compared with the laws of chains and with closed forms.
 
-Some graphs have impulses and rates that are not unique.
+In some graphs the impulses and the velocities of separation are not unique.
 """
 
 import numpy as np
@@ -65,7 +65,8 @@ def test_splits_that_are_not_unique():
     assert newton.impulse_spread == pytest.approx(1.0)
     assert newton.rate_spread == 0
     poisson = solve_rigid_graph("poisson-restitution", W, [0.2, 0.5, 0.8], w)
-    # Any contact can take the whole compression. The rate after it then has the restitution of this contact.
+    # Any one contact can take the whole impulse of compression. The velocity of separation then follows from the
+    # restitution of this contact.
     assert poisson.rate_spread == pytest.approx(0.8 - 0.2)
     with pytest.raises(ValueError, match="restitutions: unequal ones with a singular W"):
         solve_rigid_graph("newton-restitution", W, [0.2, 0.5, 0.8], w)

@@ -33,7 +33,8 @@ def velocities(law, collision):
 def test_one_contact_returns_its_restitution(law, e):
     v = velocities(law, make_chain(-1.0, 0.5, e=e, masses=(1.0, 3.0)))
     mean = (-1.0 + 1.5) / 4
-    # Textbook formula: v1 and v2 are the mean velocity -+ e m_other/(m1 + m2) (v1 - v2).
+    # Textbook formula with the velocity V of the centre of mass and the velocities v1 and v2 before the impact: ball 1
+    # ends with V - e m2/(m1 + m2) (v1 - v2), ball 2 with V + e m1/(m1 + m2) (v1 - v2).
     assert v == pytest.approx([mean + e * 0.75 * 1.5, mean - e * 0.25 * 1.5], abs=1e-15)
     assert velocities(law, make_chain(-2.0, e=e, table=True)) == pytest.approx([2 * e], abs=1e-15)
 

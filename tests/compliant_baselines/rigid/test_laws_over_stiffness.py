@@ -7,8 +7,8 @@ import pytest
 
 from benchmarks.graph_laws import RATIOS, RIGID_LAWS, distance, least_error, model_outcomes, rigid_outcome
 
-#: Velocities at k2/k1 = 4 and e = 1 by an independent program (closed forms between events), and by Newton's law by
-#: hand.
+#: Velocities at k2/k1 = 4 and e = 1. The first ones are from an independent program, which uses closed forms between
+#: events. The second ones follow from Newton's law by hand.
 AT_FOUR = [
     (-0.12505621385901, 0.17606397047155),
     (-0.27697231803848, -0.47973012713277),

@@ -22,7 +22,8 @@ from tests.compliant_baselines.plane_graphs import moved, random_graph, renumber
 
 COMPLIANT = ["mujoco", "pybullet", "drake"]
 
-#: For each rigid engine: the law it follows on graphs, and the largest difference of a velocity from the law in m/s.
+#: For each rigid engine: the impact law that it follows where the contacts of several bodies form a graph, and the
+#: largest difference (m/s) between one of its velocities and the velocity by this law.
 RIGID = {
     "pymunk": ("newton-restitution", 1e-6),
     "dart": ("newton-restitution", 1e-4),

@@ -56,7 +56,7 @@ def test_hostile_names_and_reasons_stay_text_and_without_a_path_there_is_no_pict
     assert not {"script", "strong", "img"} & {*re.findall(r"<([a-z]+)", shown)}
     assert re.search(rf">{re.escape(escape(HOSTILE))}</t[dh]>", shown)
     assert HOSTILE in str(compared)
-    # an engine that used other parameters than requested says so
+    # if an engine used other parameters than requested, the printed comparison says so
     assert "mujoco-naive: damping 1 is " in str(compare(PLAIN, ["mujoco-naive"]))
     with pytest.raises(ValueError, match="no solver has a path to draw"):
         compared.plot()
@@ -95,7 +95,8 @@ def test_d_between_every_two_solvers_is_what_a_hand_computation_gives():
     assert known["pybullet"] == {"mujoco": 0.25, "state-transition": 0.5}
     assert known["drake"] == {}
     two = SolverComparison(heavy, {name: outcomes[name] for name in ("mujoco", "state-transition")})
-    assert "D between" not in str(two)  # with two solvers, the table of divergences holds the only D
+    # Two solvers have only one D (the divergence between them), which stands in the table of divergences.
+    assert "D between" not in str(two)
 
 
 def test_what_is_illegal_is_named():

@@ -1,4 +1,8 @@
-"""The command `inspect`: a scene fits on a screen, the scene that `--fix` writes, and bad input."""
+"""The command `inspect`, which measures the contacts of a MuJoCo scene.
+
+Its report of a scene fits on one screen, `--fix` writes the scene with corrected contacts, and bad
+input is refused.
+"""
 
 import re
 

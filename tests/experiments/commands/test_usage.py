@@ -1,4 +1,7 @@
-"""Typing errors get one line that names the command and the option, and help is reached by two words."""
+"""A mistyped command line gets a message of one line that names the command and the option.
+
+The tests also check that `impact-xval COMMAND --help` and `impact-xval COMMAND -h` print the help of a command.
+"""
 
 import pytest
 import typer

@@ -199,7 +199,8 @@ def test_identity_ignores_what_does_not_change_results():
     assert identity(chain=CHAINS, figure_chain={"balls": 7}) == chains
     others = [
         {"step_fraction": 1e-2},
-        {"grazing_threshold": 0.5},  # this threshold decides which rows are marked
+        # the threshold decides which rows get a mark, a warning that the outcome is near a jump
+        {"grazing_threshold": 0.5},
         {"scenario": "impact"},
         {"grid": {"e1": [0.5]}},
         {"chunk_size": 5},

@@ -28,7 +28,8 @@ def planted(departure, contrast=CONTRAST, **how):
     return found, judge_classes(found, ["solver"]).set_index("class")
 
 
-#: Stiffness contrasts as in a run of an engine, whose outcomes have an error of their own.
+#: Options of `planted` that imitate a run of an engine. Its stiffness contrasts span three decades only, and a rate is
+#: judged from two decades.
 ENGINE = {"decades": 2.0, "contrast": np.logspace(0.5, 3.5, 7)}
 #: For each series: the departure of v1 from the closed form, options of `planted`, the verdict, and a part of its
 #: reason, or the rate, or the offset.
@@ -37,14 +38,15 @@ SERIES = {
     **{f"{at} off": (lambda x, i, at=at: at + 0.2 / x, {}, "refuted", at) for at in (0.3, 1e-2, 1e-4, -1e-6)},
     "oscillates, far off": (lambda x, i: 0.2 + 1e-3 * np.sin(5 * np.log(x)), {}, "refuted", 0.2),
     "slow, elsewhere": (lambda x, i: 0.05 + 0.4 * x**-0.25 + 0.3 * x**-0.5, {}, "refuted", 0.05),
-    # Off by 1e-12 while the last distance is 1e-9: the data cannot show this.
+    # The limit is off by 1e-12, but the last outcome of the series is still 1e-9 away. The data cannot show the offset.
     "beyond the resolution": (lambda x, i: 1e-12 + 0.1 / x, {}, "supported", ""),
     "rings, and fades": (lambda x, i: 0.3 * np.sin(np.sqrt(x) * (1 + 0.1 * i)) / x, {}, "supported", ""),
     "oscillates": (lambda x, i: 0.1 * np.sin(3 * np.log(x)), {}, "no limit", "does not settle"),
-    # As the model does where it has no limit: a few outcomes are somewhere else, at any contrast.
+    # A few outcomes lie 0.2 away, at any contrast. The model behaves like this where it has no limit.
     "jumps": (lambda x, i: np.where(default_rng(i).random(57) < 0.15, -0.2, 0.1 / x), {}, "no limit", ""),
     "drifts": (lambda x, i: 0.5 * x**-0.05, {}, "undecided", ""),
-    # No finite range of contrasts can exclude this. The page docs/hypothesis.md says that it is not shown.
+    # D falls to zero, but more slowly than any power of the contrast. Over a finite range of contrasts this looks like
+    # another limit, so the verdict is wrong. docs/hypothesis.md states this under "What is not shown".
     "drifts slower than any power": (lambda x, i: 0.5 / np.log(x), {}, "refuted", ""),
     "short": (lambda x, i: 1 / x, {"contrast": np.logspace(1, 4, 25)}, "undecided", "a rate needs 4: extend"),
     "gaps": (lambda x, i: 1 / x, {"used": np.isin(CONTRAST, CONTRAST[::18])}, "undecided", "are missing"),
@@ -79,6 +81,6 @@ def test_a_verdict_is_given_where_the_series_carries_one(name):
             assert found.offset.to_numpy() == pytest.approx(abs(offset), rel=0.05)
         case _:
             assert says in whole.reason
-    # this is the rate of the envelope of the oscillation
+    # the expected rate is that of the envelope of the oscillation
     assert name != "rings, and fades" or whole.rate == pytest.approx(1, abs=0.1)
     assert name != "one class" or [*rows.verdict[[*CLASSES]]] == ["refuted", "supported", "supported"]

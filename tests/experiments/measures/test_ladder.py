@@ -136,7 +136,7 @@ def test_contributions_add_up_to_the_divergence_for_any_corners(switches, balls)
     np.testing.assert_allclose(np.nansum(ladder.orders, axis=1), [ladder.divergence] * 6, rtol=1e-12)
     there = ~np.isnan(ladder.along)
     longest = ladder.norms * (1 + 1e-12) + 1e-15
-    # the component along the difference is no longer than the contribution's vector
+    # a contribution's component along the velocity difference is at most as long as the contribution
     assert np.all(np.abs(ladder.along) <= longest, where=there)
     low, high = ladder.ranges
     assert np.all((low <= ladder.shares + 1e-12) & (ladder.shares <= high + 1e-12), where=there)
@@ -205,9 +205,11 @@ def test_a_missing_outcome_is_a_row_with_a_status_and_a_reason(tmp_path):
 
 
 def test_shares_of_a_region_are_of_its_sum_of_d(engine_run):
-    """The share of a contribution in a region is a sum over its cells, compared with the tables of the run to 1e-12.
+    """The share of a contribution in a region of the grid agrees with the tables of the run to 1e-12.
 
-    The sum is of the contribution's components along each cell's velocity difference. It is divided by the sum of D.
+    D is the divergence of the engine from the model, and a contribution is the part of it that has one cause. The share
+    is A divided by the sum of D over the cells (collisions) of the region. A is a sum over the same cells. Its terms
+    are the components of the contribution along the cell's velocity difference between engine and model.
     """
     folder = RunFolder(engine_run)
     found = summarise_ladder(folder, folder.config())

@@ -34,7 +34,8 @@ def test_marked_beyond_the_model_are_results_whose_model_is_not_marked(tmp_path)
     cells = table.to_pandas()
     engine = cells.solver == "mujoco"
     ok, crashed = (cells.cell[engine & (cells.status == status)].tolist() for status in ("ok", "crashed"))
-    both = cells.cell.isin([ok[0], crashed[0]])  # cells in which the model is marked, and with it all solvers
+    # Cells in which the model's outcome has a mark (a warning). The rows of all solvers in these cells get it, too.
+    both = cells.cell.isin([ok[0], crashed[0]])
     cells["marked"] = np.where(both | (engine & cells.cell.isin([*ok[1:4], crashed[1]])), "a jump", None)
     pq.write_table(pa.Table.from_pandas(cells, table.schema), path)
     summary = summarise(run)

@@ -1,4 +1,4 @@
-"""The scoreboard in a plane: what is asked, what is made of answers, and the table of its page."""
+"""The scoreboard for collisions in a plane: its cases, the judgement of the answers, and the table of its page."""
 
 import math
 
@@ -68,7 +68,7 @@ def test_distances_and_asymmetries_are_those_of_their_definitions(of_laws):
     assert math.isclose(
         own.loc[("corner, 60 degrees", 0.5), "D_newton-restitution"], 0.01 / math.hypot(1, 0.3)
     )
-    assert own["D_poisson-restitution"].isna().all()  # was not asked
+    assert own["D_poisson-restitution"].isna().all()  # Poisson's law gave no answers here
     symmetric = own.asymmetry.dropna()
     assert len(symmetric) == 4 * len(RESTITUTIONS)
     assert np.allclose(

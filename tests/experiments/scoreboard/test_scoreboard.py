@@ -1,4 +1,4 @@
-"""The scoreboard: how engines are asked, how answers are judged, and how an answer that moved is found."""
+"""The scoreboard: how engines get its cases, how answers are judged, and how a changed answer is found."""
 
 import contextlib
 import json

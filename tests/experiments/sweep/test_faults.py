@@ -51,9 +51,10 @@ def _failed(rows):
 
 @pytest.mark.nightly
 def test_every_failure_of_a_plug_in_is_found_named_and_costs_its_cell(tmp_path, monkeypatch):
-    """Each failure of two broken plug-ins is a row with a reason, and an exact solver still has all its rows.
+    """Each failure of two broken plug-ins is a row of the table with a reason; an exact solver still has all its rows.
 
-    One plug-in fails in cells, the other cannot be imported. The exact solver runs in a process of its own.
+    One plug-in fails in four cells (collisions) of the run, each time in a different way. The other plug-in cannot be
+    imported. The exact solver runs in a separate process.
     """
     text = "from tests.experiments.fakes import Faulty\nclass Bad(Faulty):\n    name, law = 'bad', None\n"
     install(tmp_path / "site", "bad-dist", {"bad": "bad_solver:Bad"}, bad_solver=text)

@@ -119,7 +119,8 @@ def test_a_worker_does_not_outlive_a_killed_parent_whatever_it_does():
 def test_the_process_that_compiles_and_those_that_read_say_the_same_to_the_last_bit(tmp_path, monkeypatch):
     """The process that compiles kernels and a process that reads them from the cache give identical results.
 
-    For this cell the margin by bistiffness once differed in a digit in the process that had just compiled.
+    For this cell (collision) the grazing margin by the law bistiffness once differed in a digit in the process that had
+    just compiled the kernels.
     """
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     cell = Collision.two_balls(1.0, 0.441388, 1.0, 5.623413251903491e-06, 0.694292, 0.312025, -1.0)

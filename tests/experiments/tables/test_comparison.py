@@ -13,7 +13,7 @@ from tests.experiments import fakes
 from tests.experiments.conftest import SMALL, swept
 
 SOLVERS = ["state-transition", "bistiffness", "mujoco"]
-#: Change of v1 per |v0| in the second run, by stiffness ratio.
+#: For some stiffness ratios: how much larger v1/|v0| is in the second run than in the first run.
 FASTER = {1.0: 1e-6, 2.0: 3e-12}
 
 

@@ -43,7 +43,7 @@ def test_the_cause_to_blame_has_the_largest_sum_of_components(graded):
     along = beyond[names].fillna(0).mul(beyond.velocity_divergence, axis=0)
     sums = along.groupby([beyond.mass_ratio, beyond.stiffness_ratio]).sum()
     assert (blamed[sums.index] + "_share").tolist() == sums.idxmax(axis=1).tolist()
-    assert blamed.loc[:, 0.5].isna().all()  # within 1 %, so nothing is to blame
+    assert blamed.loc[:, 0.5].isna().all()  # D is within 1 %, so that the map names no cause
     assert len(sums) == blamed.notna().sum() == 4
 
 
