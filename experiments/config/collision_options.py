@@ -45,7 +45,7 @@ PARAMETERS = {
     "arrangement": ("NAME", "Setup of N balls: 'row', 'cradle', 'pile' or 'stack'."),
     "balls": ("N", "Number of balls; by default 5."),
     "strike": ("J", "Number of balls that strike in a cradle; by default 1."),
-    "e": ("E", "Restitution of every contact (with --arrangement); by default 0.95."),
+    "e": ("E", "Restitution of a chain's contacts; by default 0.95."),
     "exponent": ("P", "Exponent of forces k delta^p, 1 to 3; Hertz: 1.5."),
     "gap": ("M", "Gap of every contact, except the one that is struck."),
     "mass_taper": ("R", "Mass ratio of each ball to the ball before it."),
