@@ -57,7 +57,7 @@ def test_contact_graphs(run):
 
 def test_a_run_of_contact_graphs_is_legal():
     config = load_config(EXAMPLES / "graphs.toml")
-    assert config.size().startswith("168 graphs: name 4, stiffness_ratio 9")
+    assert config.size().startswith("168 graphs; values on each axis: 4 of name, 9 of stiffness_ratio")
 
 
 def test_a_run_is_read_in_three_ways_that_agree(run, tmp_path, monkeypatch):

@@ -172,7 +172,7 @@ def describe_law(row: Frame) -> str:
     if row.farthest > EXPLAINED:
         return "as no exact law"
     tied = row.next_farthest - row.farthest < TIED
-    return LAW_WORDS[row.law] + (f"; {row.next} says the same here" if tied else "")
+    return LAW_WORDS[row.law] + (f"; {row.next} gives the same answers in these cases" if tied else "")
 
 
 def describe_engines(followed: Frame) -> list[Block]:

@@ -209,7 +209,7 @@ def test_numbers_whose_impedance_grows_are_not_at_the_level_of_forces():
         x = contact.row.depth / 1e-3
         assert high == pytest.approx(1e-4 + 2 * x * x * (0.01 - 1e-4), rel=0.01)
     assert (
-        "with an impedance of 0.0001 to 0.00217 a third body" in messages(examination)["not-newton-per-metre"]
+        "With an impedance of 0.0001 to 0.00217 a third body" in messages(examination)["not-newton-per-metre"]
     )
 
 

@@ -85,7 +85,7 @@ def test_an_experiment_in_si_units_is_written_and_read_back(tmp_path):
     assert again.identity() == config.identity() != parse_config({"grid": {"e": 1}}).identity()
     assert again.grid.varied() == config.grid.varied()
     assert "mass_ratio" not in config.toml().partition("[figure_cell]")[0]
-    assert config.size() == "12 cells: k1 1, k2 2, m1 2, m2 3, e 1"
+    assert config.size() == "12 cells; values on each axis: 1 of k1, 2 of k2, 2 of m1, 3 of m2, 1 of e"
 
 
 def test_chains_are_an_arrangement_after_the_other_with_e_fastest():

@@ -125,4 +125,4 @@ def test_a_cell_says_of_which_step_the_d_of_an_unconverged_row_is(tmp_path, comm
     shown = " ".join(command(["show", folder.root, "--cell", "0"]).split())
     assert "ends D = " in shown
     assert "has no D" not in shown
-    assert "If a sentence names causes of their D, that is the D at the time step of the run." in shown
+    assert "causes of D for these numbers, D was computed with the time step of the run." in shown

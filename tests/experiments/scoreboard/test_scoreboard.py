@@ -193,7 +193,10 @@ def test_the_page_shows_the_numbers_of_the_board_and_text_stays_text(tmp_path):
     farthest = number(judged[judged.solver == "dart"]["D_newton-restitution"].max(), 2)
     newton = "by Newton's restitution, all contacts at once"
     assert (name, release, said) == ("DART", "1", newton)
-    assert describe_law(found.loc["dart"]) == f"{newton}; poisson-restitution says the same here"
+    assert (
+        describe_law(found.loc["dart"])
+        == f"{newton}; poisson-restitution gives the same answers in these cases"
+    )
     assert said_of[1].startswith(f"DART answers {newton}; poisson")
     assert cells == [farthest if case == "cradle 1 on 4" else "-" for case in CASE_SETUPS]
     assert (found.version["dart"], found.cases["dart"]) == ("1", 3)
