@@ -11,7 +11,7 @@ import pytest
 
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import load_config, parse_config
-from impact_xval.experiments.tables.folder import is_written_to, lock_for_writing
+from impact_xval.experiments.tables.folder import CONFIGURATION, is_written_to, lock_for_writing
 from tests.experiments.conftest import SMALL, resumed, tables_of
 from tests.waiting import wait_until
 
@@ -33,7 +33,9 @@ def _entries(root):
 def test_the_second_run_refuses_and_a_killed_one_blocks_nobody(tmp_path, refused):
     script = f"from {__name__} import hold; hold({str(tmp_path / 'a')!r})"
     other = subprocess.Popen([sys.executable, "-c", script])
-    wait_until(lambda: is_written_to(tmp_path / "a"))
+    # The other run writes its experiment after it has locked the folder. A run that is killed in between leaves nothing
+    # to continue.
+    wait_until(lambda: (tmp_path / "a" / CONFIGURATION).exists() and is_written_to(tmp_path / "a"))
     refused(["run", "--out", tmp_path / "a"], f"--out {tmp_path / 'a'}: another run writes there")
     other.kill()
     other.wait()
