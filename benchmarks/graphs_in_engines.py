@@ -86,35 +86,19 @@ def newton_in_steps(collision: GraphCollision, step: float, gaps: Floats) -> Flo
 
     `step` is the length of a step in s, and `gaps` are the gaps of contacts at the start in m, shape (C,).
     """
-    J = jacobian(collision)
-    inertia = np.repeat(collision.masses, len(collision.velocities[0]))
-    W = (J / inertia) @ J.T
+    W, rates = collision.delassus, collision.rates
     e = np.array([contact.restitution for contact in collision.contacts])
-    velocities = np.ravel(collision.velocities).astype(float)
+    total, rounding = np.zeros(len(rates)), 1e-9 * np.abs(rates).max()
     for _ in range(MOST_STEPS):
-        gaps = gaps + step * (J @ velocities)
+        gaps = gaps - step * rates
         touching = np.flatnonzero(gaps <= 0)
         if len(touching):
-            rates = -(J @ velocities)[touching]
-            impulses = complementary(W[np.ix_(touching, touching)], -(1 + e[touching]) * rates)
-            velocities = velocities + J[touching].T @ impulses / inertia
-        if not (-(J @ velocities) > 1e-9 * np.abs(velocities).max()).any():
+            impulses = complementary(W[np.ix_(touching, touching)], -(1 + e[touching]) * rates[touching])
+            total[touching] += impulses
+            rates = collision.rates - W @ total
+        if not (rates > rounding).any():
             break
-    return velocities
-
-
-def jacobian(collision: GraphCollision) -> Floats:
-    """Return the matrix J of shape (C, N axes) with which the rates of compression of contacts are -J v.
-
-    The graph must have no lever arms: its bodies do not turn.
-    """
-    rows = np.zeros((len(collision.contacts), len(collision.masses), len(collision.velocities[0])))
-    for row, contact in zip(rows, collision.contacts, strict=True):
-        first, second = contact.bodies
-        row[first - 1] += contact.normal
-        if second is not None:
-            row[second - 1] -= contact.normal
-    return rows.reshape(len(rows), -1)
+    return collision.after(total.tolist())[0]
 
 
 def restitution_once(collision: GraphCollision, order: Sequence[int]) -> Floats:
@@ -211,7 +195,9 @@ def compare_rigid(engine: Engine, graphs: list[GraphCollision], settings: Settin
     with engine.running():
         scenes = [engine.plane_scene_or_refusal(graph, settings) for graph in graphs]
         gaps = [
-            None if isinstance(scene, str) else jacobian(graph) @ np.ravel(engine.world(scene).heights)
+            None
+            if isinstance(scene, str)
+            else scene.arrangement.jacobian @ np.ravel(engine.world(scene).heights)
             for graph, scene in zip(graphs, scenes, strict=True)
         ]
     for number, (graph, outcome) in enumerate(

@@ -35,7 +35,7 @@ e_i and the reduced mass of the contact, which is 1/W_ii with the Delassus matri
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from typing import TYPE_CHECKING, NamedTuple
@@ -61,11 +61,10 @@ from impact_xval.model.collisions import Collisions
 from impact_xval.model.graph.collision_outcome import GraphCollisionOutcome
 from impact_xval.model.outcome import Outcome
 from impact_xval.model.outcomes import Outcomes
-from impact_xval.model.status import Ending
+from impact_xval.model.status import Ending, Status
 
 if TYPE_CHECKING:
     from impact_xval.model.graph.collision import GraphCollision
-    from impact_xval.model.graph.in_time.following import TimedGraphOutcomes
 
 #: For each law by its name: the value by which compiled code selects it.
 LAWS = {
@@ -274,7 +273,14 @@ def solve_graphs_by_law(
         c = graph_dampings(W, k, e, law)
         results = solve_timed_graphs(LAWS[law], W, k, e, w, c, frozen=frozen, max_windows=max_steps)
         for i, place in enumerate(group.places):
-            outcomes[place] = _graph_outcome(law, collisions[place], results, i)
+            outcomes[place] = _outcome_of_impulses(
+                law,
+                collisions[place],
+                results.impulses[i].tolist(),
+                status=results.status_of(i),
+                reason=results.reason_texts[int(results.reason[i])],
+                diagnostics={"duration": float(results.duration[i]), "n_steps": float(results.n_windows[i])},
+            )
     return [outcomes[place] for place in range(len(collisions))]
 
 
@@ -328,18 +334,26 @@ def graph_dampings(W: Floats, k: Floats, e: Floats, law: str) -> Floats:
         return 2 * ratios(flat).reshape(k.shape) * np.sqrt(k) / np.sqrt(diagonal)
 
 
-def _graph_outcome(
-    law: str, collision: GraphCollision, went: TimedGraphOutcomes, i: int
+def _outcome_of_impulses(
+    solver: str,
+    collision: GraphCollision,
+    impulses: Sequence[float],
+    *,
+    status: Status,
+    reason: str,
+    mark: str = "",
+    diagnostics: Mapping[str, float],
 ) -> GraphCollisionOutcome:
-    """Return the outcome of graph i, computed from its impulses."""
-    velocities, turning = collision.after(went.impulses[i].tolist())
+    """Return the outcome of a contact graph, with the velocities that impulses in N s give its bodies."""
+    velocities, turning = collision.after(impulses)
     return GraphCollisionOutcome(
-        law,
+        solver,
         tuple(tuple(row) for row in velocities.tolist()),
         tuple(tuple(row) for row in turning.tolist()) if len(collision.inertias) else (),
-        status=went.status_of(i),
-        reason=went.reason_texts[int(went.reason[i])],
-        diagnostics={"duration": float(went.duration[i]), "n_steps": float(went.n_windows[i])},
+        status=status,
+        reason=reason,
+        mark=mark,
+        diagnostics=diagnostics,
     )
 
 
@@ -452,11 +466,10 @@ class StateTransitionSolver(ExactSolver):
                 events=False,
             )
             for place, result in zip(group.places, results, strict=True):
-                velocities, turning = collisions[place].after(result.impulses)
-                outcomes[place] = GraphCollisionOutcome(
+                outcomes[place] = _outcome_of_impulses(
                     self.name,
-                    tuple(tuple(row) for row in velocities.tolist()),
-                    tuple(tuple(row) for row in turning.tolist()) if len(collisions[place].inertias) else (),
+                    collisions[place],
+                    result.impulses,
                     status=result.status,
                     reason=result.reason,
                     mark=result.mark,

@@ -438,15 +438,15 @@ class SentencePart(NamedTuple):
     high: float
 
     @property
-    def percent(self) -> str:
-        """Text of the share, followed by the range of the share if the range is wide.
+    def depends_on_order(self) -> bool:
+        """True if the range of the share over all orders of the causes is wide enough to be shown."""
+        return self.high - self.low >= _WIDE
 
-        The range goes over all orders in which the causes can be taken.
-        """
+    @property
+    def percent(self) -> str:
+        """Text of the share, followed by its range if the share depends on the order of the causes."""
         text = f"{100 * self.share:.3g} %"
-        return (
-            f"{text} ({format_share_range(self.low, self.high)})" if self.high - self.low >= _WIDE else text
-        )
+        return f"{text} ({format_share_range(self.low, self.high)})" if self.depends_on_order else text
 
 
 def format_share_range(low: float, high: float) -> str:
@@ -475,13 +475,13 @@ def sentence(solver: str, divergence: float, parts: Sequence[SentencePart], agre
     if not agreed:
         text += " In another order of the causes, another cause is the largest."
     second = max(rest, key=lambda part: abs(part.share))
-    shown = [first.percent]
+    shown = [first]
     if second.share <= -_MENTIONED:
         text += f" A part of it is undone by {second.phrase}: {second.percent}."
-        shown.append(second.percent)
+        shown.append(second)
     elif second.share >= _MENTIONED:
         text += f" The next largest cause is {second.phrase}: {second.percent}."
-        shown.append(second.percent)
-    if any("(" in percent for percent in shown):
+        shown.append(second)
+    if any(part.depends_on_order for part in shown):
         text += " Brackets: range over all orders in which causes can be switched on."
     return text

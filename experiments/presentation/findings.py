@@ -493,11 +493,13 @@ def region_table(ladder: LadderSummary, called: Callable[[str], str] = str) -> T
     A share depends on the order in which the causes are taken. Its range over all orders follows the share. `called`
     returns the name of a solver for a reader.
     """
-    rows = []
+    rows: list[tuple[object, ...]] = []
+    has_cancelling_pair = False
     for solver in ladder.solvers:
         for label, place in {"all": ("all", math.nan), **ladder.regions}.items():
             region = ladder.region(solver, *place)
             if len(region):
+                has_cancelling_pair |= cancelling_pair(region.share) is not None
                 known = (int(region.n.max()), number(region.total.iloc[0]))
                 rows.append(
                     (called(solver), label, *known, *(_share_text(region, c.name) for c in ladder.present))
@@ -507,7 +509,7 @@ def region_table(ladder: LadderSummary, called: Callable[[str], str] = str) -> T
         "Causes of the mean D of each engine, as shares of it. In brackets: the range over the "
         f"{ladder.orders} orders in which causes can be switched on"
     )
-    if any("cancelled" in cell for row in rows for cell in map(str, row)):
+    if has_cancelling_pair:
         caption += ". Two large causes that cancel have no share; their sizes are measured like D"
     return Table(header, rows, caption, text=2)
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from benchmarks.graph_symmetry import asymmetry, measure_symmetry, other_orders, symmetric_scenes
-from benchmarks.graphs_in_engines import distance, jacobian, newton_in_steps, restitution_once
+from benchmarks.graphs_in_engines import distance, newton_in_steps, restitution_once
 from impact_xval.compliant_baselines.registry import get_solver
 from impact_xval.compliant_baselines.rigid.graphs import solve_rigid_graph
 from impact_xval.compliant_baselines.solver import Settings
@@ -26,14 +26,13 @@ def test_newton_in_steps_is_newtons_law_where_all_contacts_touch():
         rigid = solve_rigid_graph("newton-restitution", graph.delassus, e, graph.rates)
         in_steps = newton_in_steps(graph, 1e-6, np.full(len(e), -1e-5))
         assert distance(graph, in_steps, graph.after(rigid.impulses.tolist())[0]) < 1e-12
-        assert np.allclose(-(jacobian(graph) @ np.ravel(graph.velocities)), graph.rates, atol=1e-15)
 
 
 def test_newton_in_steps_leaves_out_a_contact_that_has_parted():
     graph = row_of_three((-1.0, 0.0, -0.5))  # contact 2 parts at 0.5 m/s
     by_steps = newton_in_steps(graph, 1e-6, np.array([-1e-5, 0.0]))
     # Contact 2 has a gap: balls 1 and 2 exchange velocities, then balls 2 and 3.
-    assert np.allclose(by_steps[::2], (0.0, -0.5, -1.0))
+    assert np.allclose(by_steps[:, 0], (0.0, -0.5, -1.0))
 
 
 def test_restitution_once_gives_a_contact_its_restitution_in_its_first_impact_alone():
