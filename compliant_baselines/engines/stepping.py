@@ -29,11 +29,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy  # pyright: ignore[reportMissingTypeStubs]
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import isotonic_regression  # pyright: ignore[reportMissingTypeStubs]
 
 from impact_xval.compliant_baselines.engines.event_free_steps import (
     CONTACT_LAW,
@@ -47,6 +48,9 @@ from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, 
 from impact_xval.compliant_baselines.states import Runs, merge_runs
 from impact_xval.model.path import Path
 from impact_xval.model.status import Status
+
+#: SciPy loads `scipy.optimize` at its first use. Most collisions do without it, and without the 0.2 s that this takes.
+_scipy: Any = scipy
 
 #: Approximate number of points of a recorded path that are not borders between states.
 PATH_POINTS = 2000
@@ -103,8 +107,10 @@ def project_to_separated(
 
     They satisfy v1 >= v2 >= ..., and on a table all are >= 0. The unit of the masses does not matter.
     """
-    regression: Any = isotonic_regression(velocities, weights=masses, increasing=False)
-    separated: list[float] = regression.x.tolist()
+    separated = list(velocities)
+    if any(above < below for above, below in pairwise(velocities)):
+        regression = _scipy.optimize.isotonic_regression(velocities, weights=masses, increasing=False)
+        separated = regression.x.tolist()
     return tuple(max(v, 0.0) if table else v for v in separated)
 
 

@@ -21,8 +21,8 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import scipy  # pyright: ignore[reportMissingTypeStubs]
 from numpy.typing import ArrayLike
-from scipy import optimize  # pyright: ignore[reportMissingTypeStubs]
 
 from impact_xval.compliant_baselines.rigid.laws import LAWS, ROUNDING, TooManyImpactsError
 from impact_xval.model.arrays import Booleans, Floats
@@ -32,7 +32,8 @@ from impact_xval.model.graph.solving import checked_graph
 if TYPE_CHECKING:
     from impact_xval.model.graph.collision import GraphCollision
 
-_optimize: Any = optimize
+#: SciPy loads `scipy.optimize` at its first use. Commands that solve no graph do without the 0.2 s that this takes.
+_scipy: Any = scipy
 
 #: Names of the laws on graphs: those of balls in a line, but with one sequential law for all orders of contacts.
 GRAPH_LAWS = (*(name for name in LAWS if not name.startswith("sequential")), "sequential")
@@ -193,7 +194,7 @@ def complementary(W: Floats, q: Floats) -> Floats:
         raise ValueError(
             "restitutions: unequal ones with a singular W, where Newton's law need not have a solution; legal: one e"
         )
-    impulses: Floats = _optimize.nnls(L.T, -c)[0]
+    impulses: Floats = _scipy.optimize.nnls(L.T, -c)[0]
     return impulses
 
 
@@ -207,7 +208,7 @@ def _extreme_splits(W: Floats, w: Floats, compression: Floats) -> list[Floats]:
     splits: list[Floats] = []
     for i in range(contacts):
         for sign in (1.0, -1.0):
-            solution = _optimize.linprog(
+            solution = _scipy.optimize.linprog(
                 sign * np.eye(contacts)[i], A_eq=W, b_eq=W @ compression, bounds=bounds
             )
             if solution.status == 0:
