@@ -381,8 +381,10 @@ def estimate_limit(
         Largest number of time steps of the run at h and of runs at longer steps. A run at the step h/n may take n times
         this number. It may also take at most n `PATIENCE` times the number of time steps of the run at h.
 
-    Returns ------- Two values. The first one is the limit, or None if too few runs came to an end. The second one is
-    the reason why the limit is not converged, or ``""``.
+    Returns
+    -------
+    tuple
+        The limit, or None if too few runs came to an end; and the reason why the limit is not converged, or ``""``.
     """
     scene, runs, failure = first.scene, [first], ""
     tolerance = convergence.tolerance * scene.speed

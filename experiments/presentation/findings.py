@@ -457,9 +457,9 @@ def describe_counted_cells(summary: Summary) -> str:
     beyond = "".join(f", {n} more for {display_name(name)}" for name, n in summary.marked_beyond.items())
     noun = row_noun(summary)
     said = (
-        f"Statistics are over the {noun} that both the solver and the model solved. They leave out marked {noun}, in "
-        f"which a tiny change of a parameter flips the outcome: {summary.n_marked} of {summary.n_cells} for the model"
-        f"{beyond}."
+        f"Statistics of a solver are over the {noun} that both it and the model solved. So those of two solvers "
+        f"can be over different {noun}. They leave out marked {noun}, in which a tiny change of a parameter flips the "
+        f"outcome: {summary.n_marked} of {summary.n_cells} for the model{beyond}."
     )
     if len(summary.ladder.statistics):
         said += (
