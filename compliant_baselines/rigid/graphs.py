@@ -78,6 +78,13 @@ class _Impact(NamedTuple):
     compression: Floats
     #: True for the first impact of a collision.
     is_first: bool
+    #: Largest rate in m/s at the start of the collision. Rates that are rounding are small compared with it.
+    scale: float
+
+    @property
+    def threshold(self) -> float:
+        """Largest rate in m/s that is taken for rounding."""
+        return ROUNDING * self.scale
 
 
 def solve_rigid_graph(
@@ -121,7 +128,7 @@ def solve_rigid_graph(
     if law == "generalised-reflection" and len(set(e.tolist())) > 1:
         raise ValueError(f"restitutions = {e.tolist()}: {law} has one e for all contacts")
     places = [number - 1 for number in numbers]
-    compression = complementary(W, -w)
+    compression = complementary(W, -w, float(np.abs(w).max()))
     splits = _extreme_splits(W, w, compression)
     impulses, impacts = _follow(law, W, e, w, places, compression)
     final_rates = [w - W @ impulses]
@@ -184,16 +191,21 @@ def solve_graph_by_rigid_law(law: str, collision: GraphCollision) -> GraphCollis
     )
 
 
-def complementary(W: Floats, q: Floats) -> Floats:
-    """Return P with 0 <= P, q + W P >= 0, P . (q + W P) = 0, for a positive semidefinite W and a q in its range."""
+class _NotInRangeError(ValueError):
+    """The q of a complementarity problem is not in the range of its W."""
+
+
+def complementary(W: Floats, q: Floats, scale: float) -> Floats:
+    """Return P with 0 <= P, q + W P >= 0, P . (q + W P) = 0, for a positive semidefinite W and a q in its range.
+
+    q is a sum whose terms are about as large as `scale`, so its rounding errors are small compared with `scale`.
+    """
     values, vectors = np.linalg.eigh(W)
     is_kept = values > 1e-13 * values[-1]
     L: Floats = vectors[:, is_kept] * np.sqrt(values[is_kept])
     c: Floats = (vectors[:, is_kept].T @ q) / np.sqrt(values[is_kept])
-    if np.abs(L @ c - q).max() > 1e-9 * np.abs(q).max():
-        raise ValueError(
-            "restitutions: unequal ones with a singular W, where Newton's law need not have a solution; legal: one e"
-        )
+    if np.abs(L @ c - q).max() > 1e-9 * np.abs(q).max() + 1e-12 * scale:
+        raise _NotInRangeError("q is not in the range of W")
     impulses: Floats = _scipy.optimize.nnls(L.T, -c)[0]
     return impulses
 
@@ -221,26 +233,32 @@ def _follow(
     law: str, W: Floats, e: Floats, w: Floats, order: Sequence[int], compression: Floats
 ) -> tuple[Floats, int]:
     """Apply impacts until no contact approaches, and return the total impulses and the number of impacts."""
-    total, rates, threshold = np.zeros(len(w)), w, ROUNDING * np.abs(w).max()
+    total, rates, scale = np.zeros(len(w)), w, float(np.abs(w).max())
+    threshold = ROUNDING * scale
     for impact in range(MOST_IMPACTS):
         if not (rates > threshold).any():
             return total, impact
         split = compression if impact == 0 else np.empty(0)
         if impact > 0 and law in _DEPENDS_ON_SPLIT:
-            split = complementary(W, -rates)
-        total = total + _LAWS[law](_Impact(W, e, rates, order, split, impact == 0))
+            split = complementary(W, -rates, scale)
+        total = total + _LAWS[law](_Impact(W, e, rates, order, split, impact == 0, scale))
         rates = w - W @ total
         rates[np.abs(rates) <= threshold] = 0.0
     raise TooManyImpactsError(f"not over after {MOST_IMPACTS} impacts")
 
 
 def _newton(impact: _Impact) -> Floats:
-    return complementary(impact.W, -(1 + impact.e) * impact.w)
+    try:
+        return complementary(impact.W, -(1 + impact.e) * impact.w, impact.scale)
+    except _NotInRangeError as error:
+        raise ValueError(
+            "restitutions: unequal ones with a singular W, where Newton's law need not have a solution; legal: one e"
+        ) from error
 
 
 def _poisson(impact: _Impact) -> Floats:
     back = (1 + impact.e) * impact.compression
-    return back + complementary(impact.W, impact.W @ back - impact.w)
+    return back + complementary(impact.W, impact.W @ back - impact.w, impact.scale)
 
 
 def _reflections(impact: _Impact) -> Floats:
@@ -249,16 +267,15 @@ def _reflections(impact: _Impact) -> Floats:
     For the elastic impulses all approaching contacts are reflected, again and again, until no contact approaches.
     """
     elastic, rates = np.zeros(len(impact.w)), impact.w
-    threshold = ROUNDING * np.abs(impact.w).max()
     while True:
-        approaching: Booleans = rates > threshold
+        approaching: Booleans = rates > impact.threshold
         if not approaching.any():
             break
         part = np.ix_(approaching, approaching)
-        elastic[approaching] += 2 * complementary(impact.W[part], -rates[approaching])
+        elastic[approaching] += 2 * complementary(impact.W[part], -rates[approaching], impact.scale)
         rates = impact.w - impact.W @ elastic
     e = float(impact.e[0])
-    return (1 - e) * complementary(impact.W, -impact.w) + e * elastic
+    return (1 - e) * complementary(impact.W, -impact.w, impact.scale) + e * elastic
 
 
 def _plastic_then_restitution(impact: _Impact) -> Floats:
@@ -274,7 +291,7 @@ def _plastic_then_restitution(impact: _Impact) -> Floats:
 
 def _sequential(impact: _Impact) -> Floats:
     impulses = np.zeros(len(impact.w))
-    i = next(i for i in impact.order if impact.w[i] > ROUNDING * np.abs(impact.w).max())
+    i = next(i for i in impact.order if impact.w[i] > impact.threshold)
     impulses[i] = (1 + impact.e[i]) * impact.w[i] / impact.W[i, i]
     return impulses
 

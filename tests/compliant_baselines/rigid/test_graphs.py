@@ -3,12 +3,19 @@
 In some graphs the impulses and the velocities of separation are not unique.
 """
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 
-from impact_xval.compliant_baselines.rigid.graphs import GRAPH_LAWS, solve_rigid_graph
+from impact_xval.compliant_baselines.rigid.graphs import (
+    GRAPH_LAWS,
+    solve_graph_by_rigid_law,
+    solve_rigid_graph,
+)
 from impact_xval.compliant_baselines.rigid.laws import follow_impacts
 from impact_xval.model import Collision
+from impact_xval.model.graph.collision import BodyContact, GraphCollision
 from impact_xval.model.graph.named import bernoulli, box
 from tests.model.graph.graphs import chain_as_graph, random_graphs
 
@@ -80,6 +87,64 @@ def test_no_contact_approaches_afterwards_and_equal_e_makes_no_energy():
             assert outcome.rates.max() <= 1e-9
             assert outcome.impulses.min() >= -1e-12
             assert outcome.impulses @ (w + outcome.rates) >= -1e-9  # twice the lost energy
+
+
+def nearest_parting_velocity(velocity, normals):
+    """Return the velocity nearest to a given one at which a ball leaves planes or slides on them, in two dimensions."""
+    best = None
+    for n in range(3):
+        for some in combinations(normals, n):
+            touched = np.reshape(some, (n, 2))
+            moved = velocity - np.linalg.pinv(touched) @ (touched @ velocity)
+            if (normals @ moved > -1e-12).all():
+                best = (
+                    min(best, moved, key=lambda v: np.linalg.norm(v - velocity))
+                    if best is not None
+                    else moved
+                )
+    return best
+
+
+@pytest.mark.parametrize("law", [law for law in GRAPH_LAWS if law != "sequential"])
+def test_a_plastic_ball_on_three_planes_takes_the_nearest_velocity(law):
+    """W has rank 2 for three contacts. For e = 0 the impact is a projection, which is found here by trying all pairs.
+
+    The second complementarity problem of Poisson's law has nothing but rounding errors on its right-hand side.
+    """
+    rng = np.random.default_rng(0)
+    for _ in range(60):
+        angles, velocity = rng.uniform(-1.3, 1.3, 3), rng.normal(size=2)
+        normals = np.column_stack([np.sin(angles), np.cos(angles)])
+        if not (normals @ velocity < 0).any():
+            continue
+        contacts = [BodyContact((1, None), tuple(normal), 1.0, 0.0) for normal in normals.tolist()]
+        outcome = solve_graph_by_rigid_law(law, GraphCollision([1.0], [tuple(velocity.tolist())], contacts))
+        assert outcome.status == "ok", outcome.reason
+        if law != "plastic-then-restitution":  # one sweep over the contacts need not end at rest
+            expected = nearest_parting_velocity(velocity, normals)
+            np.testing.assert_allclose(outcome.velocities[0], expected, atol=1e-12)
+
+
+def test_rates_may_grow_in_a_sequence_of_single_impacts():
+    """Six contacts on which rates become larger than the largest rate at the start, while energy is lost.
+
+    The sequence has no end, but its impulses have a limit. Rates below the rounding of the start count as 0.
+    """
+    upper = [
+        [1.5, 152 / 425, -13 / 85, 0, 18 / 85, -110 / 221],
+        [0, 5 / 6, 0, 0, 117 / 250, -253 / 650],
+        [0, 0, 4, 132 / 125, 72 / 25, -48 / 65],
+        [0, 0, 0, 3, 1.8, -969 / 325],
+        [0, 0, 0, 0, 3.5, -231 / 130],
+        [0, 0, 0, 0, 0, 3.5],
+    ]
+    W = np.triu(upper) + np.triu(upper, 1).T
+    w = np.array([36 / 17, -24 / 25, -24 / 5, 141 / 25, 1.4, -63 / 13])
+    outcome = solve_rigid_graph("sequential", W, [0.5] * 6, w)
+    assert np.abs(outcome.rates).max() > np.abs(w).max()
+    assert outcome.rates.max() < 1e-12
+    assert outcome.impulses.min() >= 0
+    assert outcome.impulses @ (w + outcome.rates) > 0  # twice the lost energy
 
 
 @pytest.mark.parametrize(
