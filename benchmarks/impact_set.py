@@ -25,6 +25,12 @@ FILE = Path(__file__).parents[1] / "examples" / "impact-set-1.json"
 K = 1e8
 #: Grazing margin of the model below which a case is called grazing: a thousandth of a vibration's amplitude.
 GRAZING = 1e-3
+#: What an engine of springs needs to know beyond the stiffnesses.
+DAMPING = (
+    "an engine of springs uses its own rule for e, or the rule of kelvin-voigt: c = 2 zeta sqrt(k M) in N s/m; M is "
+    "the reduced mass of the two bodies of the contact (at the table the mass of the ball), and zeta solves "
+    "e = exp(-zeta/w atan2(2 zeta w, 2 zeta^2 - 1)), w = sqrt(1 - zeta^2) (docs/mapping.md, section 1)"
+)
 
 
 def line(
@@ -102,6 +108,7 @@ def made() -> dict[str, Any]:
         "name": "impact-set-1",
         "origin": f"impact-xval {version('impact-xval')}, python benchmarks/impact_set.py; licence Apache-2.0",
         "units": "kg, N/m, m/s, m; ball 1 on top, up is positive; contact i is below ball i, the last one on the table",
+        "damping": DAMPING,
         "known": {
             "unique": "all laws end alike",
             "grazing": f"the model's outcome lies beside a jump, its grazing margin is below {GRAZING:g}",

@@ -3,14 +3,16 @@
 An adapter of a physics engine derives from `Engine` and makes a `World` for every `Scene`; `examples/toy_engine.py` is
 a complete adapter. A solver of another kind derives from `OneByOne`, or from `Solver` if it solves many collisions at
 once, and returns an `Outcome` for every `Collision`; `examples/anvil.py` is an example. `checks` returns tests of
-whether a solver keeps the contract, which docs/adding-a-solver.md states.
+whether a solver keeps the contract, which docs/adding-a-solver.md states. `radius_of`, `in_space` and `along_axes` help
+an adapter to place balls and to turn coordinates into points in space and back.
 
 These names will stay in this module. The modules behind them may move.
 """
 
 from impact_xval.compliant_baselines.conformance import NonConformingError, checks
+from impact_xval.compliant_baselines.engines.arrangement import along_axes, in_space
 from impact_xval.compliant_baselines.engines.engine import Engine
-from impact_xval.compliant_baselines.engines.scene import Scene, World
+from impact_xval.compliant_baselines.engines.scene import Scene, World, radius_of
 from impact_xval.compliant_baselines.solver import OneByOne, Settings, Solver, SolverError
 from impact_xval.model.collision import Collision
 from impact_xval.model.collisions import Collisions
@@ -33,5 +35,8 @@ __all__ = [
     "Solver",
     "SolverError",
     "World",
+    "along_axes",
     "checks",
+    "in_space",
+    "radius_of",
 ]

@@ -230,6 +230,17 @@ class World(ABC):
     resting_rate: float = 0.0
 
     def __init__(self, scene: Scene, radius: float, rest: float = 0.0) -> None:
+        """Set `places`, `radius`, `rest` and `heights`.
+
+        Parameters
+        ----------
+        scene
+            The scene.
+        radius
+            Radius in m that all balls have in the engine; usually `Engine.radius(scene)`.
+        rest
+            Depth in m at which the lowest ball of a drop rests in the table. All balls start lower by this depth.
+        """
         #: Coordinates in m of the balls' centres when all contacts just touch; shape (N axes,). In a line these are
         #: heights above the table.
         self.places = radius * np.ravel(scene.arrangement.centres)

@@ -1,5 +1,9 @@
 """`impact_xval.plugins`, the only module that authors of solvers import from."""
 
+import re
+from pathlib import Path
+
+import numpy as np
 import pytest
 
 from impact_xval import plugins
@@ -19,6 +23,35 @@ def test_every_public_name_is_there():
 def test_the_examples_import_nothing_else_of_this_project(source):
     imports = [line for line in source.splitlines() if line.startswith(("import ", "from "))]
     assert [line for line in imports if "impact_xval" in line and "impact_xval.plugins" not in line] == []
+
+
+def test_the_guide_says_how_a_world_of_springs_places_balls_in_a_drop():
+    guide = (Path(__file__).parents[2] / "docs" / "adding-a-solver.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```python\n(.*?)^```$", guide, re.M | re.S)
+    names = {}
+    exec(next(code for code in blocks if "class SpringWorld" in code), names)
+
+    class SpringWorld(names["SpringWorld"]):
+        def advance(self, n):
+            raise NotImplementedError
+
+        def weightless(self, velocities, heights):
+            raise NotImplementedError
+
+    collision = Collision.two_balls(m1=1.0, m2=2.0, k1=1e4, k2=5e3, e1=0.9, e2=0.7)
+    scene = plugins.Scene.of(collision, Settings(scenario="drop", gravity=9.81))
+    world = SpringWorld(scene)
+    assert world.rest == pytest.approx(2 * 9.81 / 5e3)
+    assert world.heights == pytest.approx([-world.rest, -world.rest], rel=1e-9)
+    assert world.places == pytest.approx([3 * world.radius, world.radius])
+    assert world.radius > 4 * scene.depth(scene.stiffnesses)
+
+
+def test_points_in_space_become_coordinates_again():
+    coordinates = np.array([[1.0, 2.0, 3.0, 4.0]])
+    points = plugins.in_space(coordinates, axes=2)
+    assert points.tolist() == [[[1.0, 0.0, 2.0], [3.0, 0.0, 4.0]]]
+    assert plugins.along_axes(points, axes=2).tolist() == coordinates.tolist()
 
 
 def test_names_and_titles_of_solvers_are_unique():
