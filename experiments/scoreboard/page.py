@@ -86,7 +86,7 @@ BOARD = (
     "falls on a ball that rests on a table, and k2/k1 is the stiffness of the table contact over the stiffness of the "
     f"contact between the balls. * : the answer changes by more than D = {SENSITIVE} with gaps or overlaps of 1e-4 "
     "radii or less, at another place along the line, or if the balls are made in the other order. - : the engine has "
-    f"no answer. The last column counts the cases that the engine answers, of the {len(CASES)} that it is asked for. "
+    f"no answer. “Cases answered” counts the cases that the engine answers, of the {len(CASES)} that it is asked for. "
     "Springs and dashpots have no answer for e = 0, which is a quarter of the cases."
 )
 
@@ -233,8 +233,8 @@ def board_table(judged: Frame, followed: Frame) -> Table:
             for D, spread in zip(its[f"D_{law.law}"], its.spread, strict=True)
         ]
         answers = describe_law(law).partition(";")[0]
-        rows.append((display_engine(law.Index), law.version, answers, *cells, f"{law.cases} of {law.asked}"))
-    return Table(("engine", "release", "answers", *CASE_SETUPS, "cases answered"), rows, text=3)
+        rows.append((display_engine(law.Index), law.version, answers, f"{law.cases} of {law.asked}", *cells))
+    return Table(("engine", "release", "answers", "cases answered", *CASE_SETUPS), rows, text=3)
 
 
 def worst_case_table(followed: Frame) -> Table:

@@ -200,7 +200,7 @@ def test_the_page_shows_the_numbers_of_the_board_and_text_stays_text(tmp_path):
     assert "<script>alert" not in page
     judged = judge_answers(pd.DataFrame(rows))
     found = find_nearest_laws(judged)
-    ((name, release, said, *cells, answered),) = board_table(judged, found).rows
+    ((name, release, said, answered, *cells),) = board_table(judged, found).rows
     farthest = number(judged[judged.solver == "dart"]["D_newton-restitution"].max(), 2)
     newton = "by Newton's restitution, all contacts at once"
     assert (name, release, said) == ("DART", "1", newton)
