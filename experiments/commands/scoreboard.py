@@ -10,7 +10,6 @@ import typer
 
 from impact_xval.experiments.commands.options import Solvers, Workers, known_solvers, option, parse_path
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.config.renamed import CASES, STATUSES
 
 if TYPE_CHECKING:  # these modules import NumPy
     from impact_xval.experiments.scoreboard.environments import Environment, NotInstalledError
@@ -18,7 +17,9 @@ if TYPE_CHECKING:  # these modules import NumPy
 
 def scoreboard_command(
     solver: Solvers = None,
-    out: Path | None = option("DIR", "Folder to write; by default runs/scoreboard.", parse_path),
+    out: Path | None = option(
+        "DIR", "Folder to write; by default runs/scoreboard. Answers in it are read.", parse_path
+    ),
     baseline: Path | None = option("DIR", "Folder of an earlier scoreboard to compare with.", parse_path),
     requirements: Annotated[
         list[str] | None,
@@ -33,45 +34,55 @@ def scoreboard_command(
     """Ask every engine what happens when bodies meet at once.
 
     The command compares installed engines, with several settings, with every exact law. The collisions are chains and,
-    for engines that solve balls in a plane, contact graphs. You get a table and a page. With --baseline, the exit code
-    is 3 if an answer changed or a solver is missing. The same command continues a scoreboard that was stopped.
+    for engines that solve balls in a plane, contact graphs. You get a table and a page. With --solver, only the exact
+    laws and the named solvers are run.
+
+    The folder of --out keeps the answers of each solver that has finished. The same command reads them, so it continues
+    a scoreboard that was stopped. It reads them even if the code of a solver changed, as long as its version is the
+    same. To ask every solver again, remove the folder or choose another one.
+
+    With --baseline, the exit code is 3 if an answer changed, if an answer of the baseline is missing now, or if the
+    baseline lacks an answer of a solver named by --solver. With --solver, the baseline's other solvers are ignored.
 
     Each version given by --with is installed in its own environment in your cache folder, with uv if you have it,
-    otherwise with pip. Then the answers that differ between versions are printed. With --solver, only these solvers
-    are run.
+    otherwise with pip. Then the answers that differ between versions are printed.
 
     Example: impact-xval scoreboard --with mujoco==3.3.7 --with mujoco==4.0.0
     """
     names = known_solvers(solver) if solver else ()
-    import pandas as pd
-
     from impact_xval.experiments.presentation.terminal import make_console, print_blocks, show_progress
-    from impact_xval.experiments.scoreboard.judging import list_moved_answers
-    from impact_xval.experiments.scoreboard.page import ANSWERS, frame_table, write_scoreboard
+    from impact_xval.experiments.scoreboard.baseline import compare_with_baseline, read_baseline
+    from impact_xval.experiments.scoreboard.page import write_scoreboard
     from impact_xval.experiments.scoreboard.plane import (
         collect_plane_answers,
         list_plane_entrants,
+        list_stored_in_plane,
         write_plane,
     )
-    from impact_xval.experiments.scoreboard.playing import collect_answers, list_entrants
+    from impact_xval.experiments.scoreboard.playing import collect_answers, list_entrants, list_stored
     from impact_xval.experiments.scoreboard.releases import compare_releases, write_releases
     from impact_xval.experiments.sweep.pool import available_cores
 
-    try:
-        before = None if baseline is None else pd.read_parquet(baseline / ANSWERS)
-    except (OSError, ValueError) as error:
-        raise UserError(f"--baseline = {baseline}: holds no {ANSWERS} of a scoreboard: {error}") from None
-    if before is not None:
-        # Files of version 0.4 have the old names of cases and statuses.
-        before = before.replace({"case": CASES, "status": STATUSES})
+    root = out or Path("runs") / "scoreboard"
+    before = None if baseline is None else read_baseline(baseline)
+    if baseline is not None and root.exists() and root.samefile(baseline):
+        raise UserError(
+            f"--baseline = {baseline}: is the folder of --out, which is written; legal: another folder"
+        )
     elsewhere, missing = _make_environments(requirements or (), names)
-    console, root = make_console(), out or Path("runs") / "scoreboard"
+    console = make_console()
+    entrants = list_entrants(names)
+    entrants_in_plane = list_plane_entrants(entrants)
+    stored = [*list_stored(entrants, root, elsewhere), *list_stored_in_plane(entrants_in_plane, root)]
+    if stored:
+        print_blocks(console, [_describe_stored(stored, root)])
     with show_progress(console) as progress:
         answers, answers_elsewhere = collect_answers(
-            list_entrants(names), root, workers or available_cores(), progress, elsewhere
+            entrants, root, workers or available_cores(), progress, elsewhere
         )
-        entrants = list_plane_entrants(list_entrants(names))
-        answers_in_plane = collect_plane_answers(entrants, root, workers or available_cores(), progress)
+        answers_in_plane = collect_plane_answers(
+            entrants_in_plane, root, workers or available_cores(), progress
+        )
     sections = [write_plane(answers_in_plane, root)]
     if requirements:
         sections.append(
@@ -80,19 +91,28 @@ def scoreboard_command(
     print_blocks(console, [*write_scoreboard(answers, root, sections), f"the page is {root / 'report.html'}"])
     for section in sections:
         print_blocks(console, ["", section.title, *section.blocks])
-    gone: list[str] = []
-    moved = answers.head(0)
+    differs = False
     if before is not None:
-        gone = [] if solver else sorted(set(before.solver) - set(answers.solver))
-        print_blocks(console, [f"{name}: is in {baseline}, but not in this scoreboard" for name in gone])
-        moved = list_moved_answers(before, answers)
-        caption = f"{len(moved)} answers differ from those in {baseline}; the largest differences"
-        table = frame_table(moved.head(20), caption, 6)
-        print_blocks(console, [f"no answer differs from those in {baseline}" if moved.empty else table])
+        section, differs = compare_with_baseline(before, answers, answers_in_plane, root, solver or ())
+        print_blocks(console, ["", section.title, *section.blocks])
     if missing:
         raise _all_in_one(missing)
-    if gone or len(moved):
+    if differs:
         raise typer.Exit(3)
+
+
+def _describe_stored(stored: Sequence[str], root: Path) -> str:
+    """Return a line that names the solvers whose answers are read, and says how to ask these solvers again."""
+    from impact_xval.compliant_baselines.registry import exact_law_names
+    from impact_xval.experiments.tables.numbers import join_words
+
+    laws = {*stored} & {*exact_law_names()}
+    others = [name for name in dict.fromkeys(stored) if name not in laws]
+    names = join_words([*others, *([f"{len(laws)} exact laws"] if laws else [])])
+    return (
+        f"answers of the same versions are read from {root}, not asked again: {names}; to ask again, remove this "
+        "folder or choose another --out"
+    )
 
 
 def _make_environments(

@@ -60,6 +60,11 @@ class Environment:
     #: Path of the environment's Python interpreter.
     python: Path
 
+    @property
+    def folder(self) -> Path:
+        """Folder of the environment."""
+        return self.python.parents[1]
+
 
 class NotInstalledError(UserError):
     """Error for a requirement that cannot be installed. Its message is one line for the user."""

@@ -44,6 +44,7 @@ BOARD_COLUMNS = (
 ENGINE_COLUMNS = (
     "version",
     "cases",  # number of cases for which the engine has an answer
+    "asked",  # number of cases for which the engine was asked
     "law",  # nearest law: the exact law for which the engine's largest D is smallest
     "farthest",  # largest D from the nearest law
     "next",  # second nearest law
@@ -70,6 +71,9 @@ _AS_NEAR = 1e-6
 
 #: Columns that identify the answers of one solver to one case.
 _CASE = ["solver", "case", "e"]
+
+#: Columns that identify an answer.
+ANSWER = [*_CASE, "arrangement"]
 
 
 class AnsweredMotions(NamedTuple):
@@ -200,34 +204,39 @@ def find_nearest_laws(judged: Frame) -> Frame:
 def _rank_laws(judged: Frame) -> Frame:
     """Return the two nearest laws of each engine, by the largest D between engine and law over all cases.
 
-    Columns are the two laws, the engine's largest D from each law, and the number of cases that the engine solves. If
-    the largest D from two laws differ by rounding only, the law with the smaller mean D comes first.
+    Columns are the two laws, the engine's largest D from each law, and the numbers of cases that the engine solves and
+    is asked for. If the largest D from two laws differ by rounding only, the law with the smaller mean D comes first.
     """
-    cases = judged.groupby(judged.solver, sort=False).v1.count()
+    v1 = judged.groupby(judged.solver, sort=False).v1
+    cases = v1.count()
     distances = judged[FROM_LAWS].groupby(judged.solver, sort=False)
     is_answered = distances.count().ge(np.maximum(1, _LEAST_ANSWERED * cases), axis=0)
     largest = distances.max().where(is_answered).to_numpy()  # NaN comes last in the order
     order = np.lexsort((distances.mean().to_numpy().round(12), largest.round(12)))
     laws = np.array(list(_DISTANCE_COLUMNS), dtype=object)[order]
     ranked = np.take_along_axis(largest, order, axis=1)
-    columns = {"cases": cases, "law": laws[:, 0], "farthest": ranked[:, 0]}
+    columns = {"cases": cases, "asked": v1.size(), "law": laws[:, 0], "farthest": ranked[:, 0]}
     return pd.DataFrame(columns | {"next": laws[:, 1], "next_farthest": ranked[:, 1]}, index=cases.index)
 
 
 def list_moved_answers(before: Frame, after: Frame, tolerance: float = 1e-6) -> Frame:
-    """Return those answers that differ between two tables of answers, the largest change first.
+    """Return those answers that differ between two tables of answers: changes of status, then the largest changes.
 
     An answer differs if the two tables have different statuses for it, if only one table has its velocities, or if a
-    velocity changes by more than `tolerance` in m/s.
+    velocity changes by more than `tolerance` in m/s. The column `change` is the largest change of a velocity in m/s. It
+    is NaN if one of the two tables has no velocities.
     """
-    answer = [*_CASE, "arrangement"]
-    both = before.merge(after, on=answer, suffixes=("_before", "_after"))
+    both = before.merge(after, on=ANSWER, suffixes=("_before", "_after"))
     if both.empty:
         raise UserError("--baseline: no answer in common; legal: a scoreboard of the same engines")
-    old, new = (both.filter(regex=rf"^v\d_{side}$").to_numpy(float) for side in ("before", "after"))
-    both["change"] = np.nan_to_num(np.abs(new - old)).max(axis=1)
-    has_other_status = both.status_before != both.status_after
+    # Velocities are v1, v2, ..., and in a plane v1x, v1z, ... Those of balls that a case does not have are NaN.
+    old, new = (both.filter(regex=rf"^v\d[xz]?_{side}$").to_numpy(float) for side in ("before", "after"))
+    both["change"] = pd.DataFrame(np.abs(new - old)).max(axis=1)
+    both["has_other_status"] = both.status_before != both.status_after
     is_answered_once = (np.isnan(old) != np.isnan(new)).any(axis=1)
-    changed = both[has_other_status | is_answered_once | (both.change > tolerance)]
-    changed = changed.sort_values("change", ascending=False, kind="stable")
-    return changed[[*answer, "status_before", "status_after", "change"]]
+    changed = both[both.has_other_status | is_answered_once | (both.change > tolerance)]
+    # A lost answer comes before all changes of a velocity, although it has no change that could be compared with them.
+    changed = changed.sort_values(
+        ["has_other_status", "change"], ascending=False, kind="stable", na_position="first"
+    )
+    return changed[[*ANSWER, "status_before", "status_after", "change"]]

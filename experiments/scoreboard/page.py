@@ -50,6 +50,9 @@ LAW_WORDS = {
     "plastic-then-restitution": "first without rebound, then a rebound of each contact in turn",
 }
 
+#: Words for an engine that no exact law explains, in the same place.
+NO_LAW = "unlike any exact law"
+
 #: Titles of the groups of engines on the board, in the order of the page.
 GROUPS = SPRINGS, GRAINS, RIGID, AS_PEOPLE_RUN_THEM = (
     "Springs and dashpots",
@@ -83,17 +86,21 @@ BOARD = (
     "falls on a ball that rests on a table, and k2/k1 is the stiffness of the table contact over the stiffness of the "
     f"contact between the balls. * : the answer changes by more than D = {SENSITIVE} with gaps or overlaps of 1e-4 "
     "radii or less, at another place along the line, or if the balls are made in the other order. - : the engine has "
-    "no answer. Springs and dashpots have no answer for e = 0."
+    f"no answer. “Cases answered” counts the cases that the engine answers, of the {len(CASES)} that it is asked for. "
+    "Springs and dashpots have no answer for e = 0, which is a quarter of the cases."
 )
 
 WORST = (
-    f"Each number is the largest over all cases, of {len(CASES)}, that an engine answers. Farthest: D from the nearest "
-    "law that answers nine in ten of these cases; next farthest: D from the next law. If both are equal, the cases do "
-    f"not tell the two laws apart. A law at more than {EXPLAINED} does not count as the law of the engine. Energy "
-    "gained, and energy lost at e = 1, are over the energy before. The momentum error, of cases without a table, is "
-    "over the sum of the absolute momenta before. Spread: D between the usual placement and another (spread of: which "
-    "other). Step spread: D by half and by twice the time step. Microseconds: time for a step on one machine, the "
-    "shortest of seven means over 64 steps. Springs touch during all of these steps, rigid bodies in the first."
+    "Each number is the largest over all cases that the engine answers; “cases answered” counts them. Farthest: D "
+    "from the nearest law. Only laws that answer at least nine tenths of the cases that the engine answers are "
+    "compared. Next farthest: D from the second nearest law. If both numbers are equal, the cases do not tell the two "
+    f"laws apart. An engine follows its nearest law if farthest is at most {EXPLAINED}. Energy gained, and energy lost "
+    "at e = 1, are divided by the energy before. The momentum error is divided by the sum of the absolute momenta "
+    "before. Only cases without a table have one. Spread: the largest D between the answer to the usual placement and "
+    "the answer to another placement. “Spread of” names this other placement. Step spread: the largest D between the "
+    "usual time step and half or twice this step. Microseconds: time for a step on one machine, the shortest of seven "
+    "means over 64 steps. Bodies of engines with springs touch during all these steps, bodies of rigid engines only "
+    "during the first."
 )
 
 CRADLE = (
@@ -130,7 +137,7 @@ def write_scoreboard(answers: Frame, root: Path, more: Sequence[Section] = ()) -
         Section("All answers", [every], folded=True),
     ]
     write_text(root / "report.html", render_page(TITLE, blocks, root))
-    brief = followed[["law", "farthest", "next", "next_farthest", "spread", "microseconds"]]
+    brief = followed[["law", "cases", "asked", "farthest", "next", "next_farthest", "spread", "microseconds"]]
     return [worst_case_table(brief), *words]
 
 
@@ -170,7 +177,7 @@ def describe_law(row: Frame) -> str:
     If a second law is equally near, words for this law follow after a semicolon.
     """
     if row.farthest > EXPLAINED:
-        return "as no exact law"
+        return NO_LAW
     tied = row.next_farthest - row.farthest < TIED
     return LAW_WORDS[row.law] + (f"; {row.next} gives the same answers in these cases" if tied else "")
 
@@ -226,14 +233,18 @@ def board_table(judged: Frame, followed: Frame) -> Table:
             for D, spread in zip(its[f"D_{law.law}"], its.spread, strict=True)
         ]
         answers = describe_law(law).partition(";")[0]
-        rows.append((display_engine(law.Index), law.version, answers, *cells))
-    return Table(("engine", "release", "answers", *CASE_SETUPS), rows, text=3)
+        rows.append((display_engine(law.Index), law.version, answers, f"{law.cases} of {law.asked}", *cells))
+    return Table(("engine", "release", "answers", "cases answered", *CASE_SETUPS), rows, text=3)
 
 
 def worst_case_table(followed: Frame) -> Table:
     """Return the table with the worst values of each engine over all cases, one row per engine."""
-    own = followed.rename(display_engine).reset_index(names="engine")
-    return frame_table(own.rename(columns={"law": "nearest law", "next": "next law"}), WORST, 2)
+    counts = followed.cases.astype(str) + " of " + followed.asked.astype(str)
+    own = (
+        followed.assign(cases=counts).drop(columns="asked").rename(display_engine).reset_index(names="engine")
+    )
+    names = {"cases": "cases answered", "law": "nearest law", "next": "next law"}
+    return frame_table(own.rename(columns=names), WORST, 2)
 
 
 def frame_table(frame: Frame, caption: str, text: int) -> Table:

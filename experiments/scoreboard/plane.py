@@ -60,15 +60,15 @@ _LEAST_ANSWERED = 0.9
 _AS_NEAR = 1e-6
 
 CAPTION = (
-    "The table shows, for each case, the largest D between the engine and its nearest law, over all e. The nearest law "
-    "is the exact law with the smallest largest D over all cases. Only laws that solve nine tenths of the engine's "
-    f"cases count. The engine follows its nearest law if no D exceeds {EXPLAINED}. Bernoulli: a ball falls between two "
-    "others, 30 degrees to either side. Corner: a ball meets two walls whose normals enclose the angle. Bridge: a ball "
-    "falls on two balls that rest on a table. Rack: a cue ball strikes 3 or 6 balls. All stiffnesses are equal. A law "
-    "that solves one contact after the other takes the contacts in the order of their numbers, and an engine may take "
-    "another order. Asymmetry: the largest difference between the velocity of a body and the mirrored velocity of its "
-    "mirror image in bernoulli, bridge and racks, divided by |v0|. Exact solutions have no asymmetry. Springs and "
-    "dashpots cannot give e = 0, so their engines have no answer there."
+    "The table shows, for each case, the largest D between the engine and its nearest law, over all e. The nearest "
+    "law is the exact law with the smallest largest D over all cases. Only laws that solve nine tenths of the cases "
+    f"that the engine solves count. The engine follows its nearest law if no D exceeds {EXPLAINED}. Bernoulli: a ball "
+    "falls between two others, 30 degrees to either side. Corner: a ball meets two walls whose normals enclose the "
+    "angle. Bridge: a ball falls on two balls that rest on a table. Rack: a cue ball strikes 3 or 6 balls. All "
+    "stiffnesses are equal. A law that solves one contact after the other takes the contacts in the order of their "
+    "numbers, and an engine may take another order. Asymmetry: the largest difference between the velocity of a body "
+    "and the mirrored velocity of its mirror image in bernoulli, bridge and racks, divided by |v0|. Exact solutions "
+    "have no asymmetry. Springs and dashpots cannot give e = 0, so their engines have no answer there."
 )
 
 
@@ -82,6 +82,13 @@ def list_plane_entrants(names: Sequence[str]) -> list[str]:
         if name in exact_law_names() or isinstance(solver, Engine):
             entrants.append(name)
     return entrants
+
+
+def list_stored_in_plane(names: Sequence[str], root: Path) -> list[str]:
+    """Return the solvers whose answers `collect_plane_answers` would read from the folder `root`."""
+    return [
+        name for name in names if _answers_path(root / "answers", name, get_solver(name).version()).exists()
+    ]
 
 
 def collect_plane_answers(
@@ -110,15 +117,9 @@ def collect_plane_answers(
 
 
 def _answer_or_read(slot: Slot[None], name: str, folder: Path) -> list[Record]:
-    """Return a solver's answers to all cases: from its file of earlier answers, or else from its process.
-
-    The name of the file contains a hash of the versions, the cases and the settings. So answers from other versions are
-    not read.
-    """
+    """Return a solver's answers to all cases: from its file of earlier answers, or else from its process."""
     installed = get_solver(name).version()
-    identifying = version("impact-xval"), installed, PLANE_SETUPS, list(PLANE_CASES), str(SETTINGS)
-    identity = sha256(json.dumps(identifying).encode()).hexdigest()[:12]
-    path = folder / f"plane-{name.replace(':', '-')}-{identity}.json"
+    path = _answers_path(folder, name, installed)
     if path.exists():
         return json.loads(path.read_text(encoding="utf-8"))
     rows: list[Record] = []
@@ -133,6 +134,16 @@ def _answer_or_read(slot: Slot[None], name: str, folder: Path) -> list[Record]:
         rows.append(row | dict(zip(VELOCITIES, velocities, strict=False)))
     write_text(path, json.dumps(rows, indent=1))
     return rows
+
+
+def _answers_path(folder: Path, name: str, installed: str) -> Path:
+    """Return the path of the file with a solver's answers.
+
+    Its name contains a hash of the versions, the cases and the settings. So answers from other versions are not read.
+    """
+    identifying = version("impact-xval"), installed, PLANE_SETUPS, list(PLANE_CASES), str(SETTINGS)
+    identity = sha256(json.dumps(identifying).encode()).hexdigest()[:12]
+    return folder / f"plane-{name.replace(':', '-')}-{identity}.json"
 
 
 def judge_plane_answers(answers: Frame) -> Frame:

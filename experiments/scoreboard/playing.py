@@ -64,6 +64,21 @@ def list_entrants(names: Sequence[str] = ()) -> list[str]:
     return list(dict.fromkeys([*exact_law_names(), *(names or installed)]))
 
 
+def list_stored(
+    names: Sequence[str], root: Path, elsewhere: Sequence[tuple[str, Environment]] = ()
+) -> list[str]:
+    """Return the solvers whose answers `collect_answers` would read from the folder `root`, without running them.
+
+    A solver in another environment is written with its requirement, such as ``pymunk (pymunk==7.2)``.
+    """
+    folder = root / "answers"
+    stored = [name for name in names if _answers_path(folder, name, get_solver(name).version()).exists()]
+    for name, where in elsewhere:
+        if _answers_path(folder, name, where.version, where.folder.name).exists():
+            stored.append(f"{name} ({where.requirement})")
+    return stored
+
+
 def collect_answers(
     names: Sequence[str],
     root: Path,
@@ -130,20 +145,15 @@ def _answer_all_cases(
         return _answer_or_read(call, name, folder, get_solver(name).version())
     worker = slot.worker_of(where.python)
     try:
-        return _answer_or_read(worker.call, name, folder, where.version, where.python.parents[1].name)
+        return _answer_or_read(worker.call, name, folder, where.version, where.folder.name)
     finally:
         worker.end()
 
 
 def _answer_or_read(call: _Call, name: str, folder: Path, installed: str, *environment: str) -> list[Record]:
-    """Return the answers of a solver from its file; if there is no file, run the solver and write the file.
-
-    The name of the file contains a hash of the versions, the cases and the settings.
-    """
+    """Return the answers of a solver from its file; if there is no file, run the solver and write the file."""
     facts: Record = {"solver": name, "version": installed, "microseconds": None}
-    identifying = version("impact-xval"), installed, CASE_SETUPS, list(CASES), str(SETTINGS), *environment
-    identity = sha256(json.dumps(identifying).encode()).hexdigest()[:12]
-    path = folder / f"{name.replace(':', '-')}-{identity}.json"
+    path = _answers_path(folder, name, installed, *environment)
     rows: list[Record] = []
     if path.exists():
         return json.loads(path.read_text(encoding="utf-8"))
@@ -159,3 +169,14 @@ def _answer_or_read(call: _Call, name: str, folder: Path, installed: str, *envir
             rows.append(facts | row | {f"v{i}": velocity for i, velocity in enumerate(v, 1)})
     write_text(path, json.dumps(rows, indent=1))
     return rows
+
+
+def _answers_path(folder: Path, name: str, installed: str, *environment: str) -> Path:
+    """Return the path of the file with a solver's answers.
+
+    Its name contains a hash of the versions, the cases and the settings. The hash does not depend on the code of the
+    solver, so a solver whose code changes has to state another version, or its old answers are read.
+    """
+    identifying = version("impact-xval"), installed, CASE_SETUPS, list(CASES), str(SETTINGS), *environment
+    identity = sha256(json.dumps(identifying).encode()).hexdigest()[:12]
+    return folder / f"{name.replace(':', '-')}-{identity}.json"

@@ -135,10 +135,12 @@ def describe_releases(releases: Sequence[Release]) -> list[Block]:
 def _change_in_words(release: Release) -> str:
     """Return words that tell how many answers a release changed, and the largest change of a velocity."""
     assert release.moved is not None
-    largest = release.moved.iloc[0]
+    moved = f"{release.version} moved {len(release.moved)} of {release.compared} answers of {release.before}"
+    if release.moved.change.isna().all():
+        return f"{moved}, none of them with velocities from both versions"
+    largest = release.moved.loc[release.moved.change.idxmax()]
     return (
-        f"{release.version} moved {len(release.moved)} of {release.compared} answers of {release.before}, "
-        f"the farthest by {number(largest.change, 2)} |v0| ({largest.case}, e = {number(largest.e)}, "
+        f"{moved}, the farthest by {number(largest.change, 2)} |v0| ({largest.case}, e = {number(largest.e)}, "
         f"{largest.arrangement})"
     )
 

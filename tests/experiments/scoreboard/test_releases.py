@@ -118,6 +118,10 @@ def test_a_version_without_an_answer_is_a_row_with_its_reason_and_the_next_is_he
     *_, changed, missing = release_table(found, [error]).rows
     assert changed[3 + list(CASE_SETUPS).index("cradle 1 on 2")] == "!"
     assert missing[:3] == ("mujoco", "mujoco==99", "not installed: there is none")
+    (sentence,) = describe_releases(found)
+    assert sentence.endswith(
+        "3.4.0 moved 1 of 2 answers of 3.3.0, none of them with velocities from both versions."
+    )
 
 
 def test_an_engine_that_is_not_installed_here_is_no_version():

@@ -19,6 +19,7 @@ from impact_xval.experiments.scoreboard.judging import find_nearest_laws, judge_
 from impact_xval.experiments.scoreboard.page import (
     AS_PEOPLE_RUN_THEM,
     GRAINS,
+    NO_LAW,
     RIGID,
     SPRINGS,
     board_table,
@@ -141,7 +142,8 @@ def test_a_baseline_catches_an_answer_that_moved_and_an_engine_that_is_gone(
     refused([*board, tmp_path / "more"])  # refused, because the folder holds something else
     monkeypatch.setattr(playing, "solver_names", lambda on_request: ["pymunk"])
     every = ["scoreboard", "--workers", "1", "--out", tmp_path / "before", "--baseline"]
-    assert "dart: is in" in command([*every, tmp_path / "more"], ends=3)
+    printed = command([*every, tmp_path / "more"], ends=3)
+    assert re.search(r"^dart: \d+ answers not compared, only in ", printed, re.M)
 
 
 def test_what_moved_is_a_status_an_answer_or_a_velocity():
@@ -152,6 +154,15 @@ def test_what_moved_is_a_status_an_answer_or_a_velocity():
     assert list_moved_answers(before, slower, 1e-5).empty
     assert len(list_moved_answers(before, before.assign(status="timeout"), 1.0)) == 3
     assert len(list_moved_answers(before, before.assign(v1=np.nan), 1.0)) == 3
+
+
+def test_a_lost_answer_comes_before_all_changes_of_a_velocity():
+    before = pd.DataFrame(of_laws(BASIC))
+    after = before.assign(v1=before.v1 + np.array([0.5, 0.0, 0.7]), status=["ok", "crashed", "ok"])
+    after.loc[after.status == "crashed", ["v1", "v2"]] = np.nan
+    moved = list_moved_answers(before, after)
+    assert moved.solver.tolist() == ["sequential-top", "poisson-restitution", "newton-restitution"]
+    assert moved.change.tolist() == pytest.approx([np.nan, 0.7, 0.5], nan_ok=True)
 
 
 def dies(_, name, case, e):
@@ -189,7 +200,7 @@ def test_the_page_shows_the_numbers_of_the_board_and_text_stays_text(tmp_path):
     assert "<script>alert" not in page
     judged = judge_answers(pd.DataFrame(rows))
     found = find_nearest_laws(judged)
-    ((name, release, said, *cells),) = board_table(judged, found).rows
+    ((name, release, said, answered, *cells),) = board_table(judged, found).rows
     farthest = number(judged[judged.solver == "dart"]["D_newton-restitution"].max(), 2)
     newton = "by Newton's restitution, all contacts at once"
     assert (name, release, said) == ("DART", "1", newton)
@@ -199,7 +210,9 @@ def test_the_page_shows_the_numbers_of_the_board_and_text_stays_text(tmp_path):
     )
     assert said_of[1].startswith(f"DART answers {newton}; poisson")
     assert cells == [farthest if case == "cradle 1 on 4" else "-" for case in CASE_SETUPS]
-    assert (found.version["dart"], found.cases["dart"]) == ("1", 3)
+    assert (found.version["dart"], found.cases["dart"], answered) == ("1", 3, "3 of 4")
+    assert said_of[0].header[2] == "cases answered"
+    assert said_of[0].rows[0][2] == "3 of 4"
     for table in (board_table(judged, found), worst_case_table(found)):
         assert rows_of(table)[0] in page
 
@@ -213,9 +226,9 @@ def test_the_published_board_is_what_its_page_and_docs_say():
     assert len(shown) == 34
     for row, (name, its) in zip(shown, found.iterrows(), strict=True):
         assert row in page
-        says = describe_law(its) + f" (nearest: {its.law})" * (describe_law(its) == "as no exact law")
+        says = describe_law(its) + f" (nearest: {its.law})" * (describe_law(its) == NO_LAW)
         (line,) = (line for line in text.splitlines() if line.startswith(f"| {says} |"))
-        cell = f"`{name}`: {number(its.farthest, 2)}, {number(its.spread, 2)}"
+        cell = f"`{name}`: {number(its.farthest, 2)}, {number(its.spread, 2)}, {its.cases} of {its.asked}"
         assert cell in line.removesuffix(" |").split(" | ")[1].split("; ")
 
 
