@@ -140,7 +140,7 @@ def run_sweep(
     with (
         _one_line(root),
         cluster(scheduler) as client,
-        lock_for_writing(root, config, shard) as (folder, continued),
+        lock_for_writing(root, cells, shard) as (folder, continued),
     ):
         run = _Run(experiment, cells, folder, shard, progress)
         log = folder.root / "solvers.log"
@@ -342,9 +342,8 @@ class _Run:
         Earlier sessions are read from the folder. This session is passed as an argument when it is over.
         """
         config = self._experiment.config
-        earlier: list[Session] = []
-        with contextlib.suppress(UserError):  # there is no manifest, or the manifest cannot be read
-            earlier = self._folder.manifest()["sessions"]
+        before = self._folder.manifest_or_none()
+        earlier = before["sessions"] if before else []
         return {
             "state": state,
             "name": config.name,
@@ -352,6 +351,8 @@ class _Run:
             "chunks": self._cells.chunks(),
             "reference": REFERENCE,
             "identity": self._identity,
+            "configuration": config.identity(),
+            "cell_values": self._cells.digest,
             "versions": self._versions,
             "libraries": {name: version(name) for name in ("numpy", "scipy", "numba", "pyarrow", "pandas")},
             "machine": {

@@ -138,7 +138,10 @@ def test_what_is_shown_of_a_run_needs_a_finished_one(name, tmp_path, refused):
     refused([name, tmp_path / "none"], "none", "no such folder")
     refused([name, __file__], __file__, "a file; legal: the folder of a run")
     refused([name, tmp_path], "no manifest.json", "legal: the folder of a run")
-    (tmp_path / "manifest.json").write_text(json.dumps({"format": FORMAT, "state": "running"}))
+    texts, tables = ("name", "reference", "identity"), ("versions", "libraries", "machine")
+    manifest = dict.fromkeys(texts, "") | {name: {} for name in tables} | {"cells": 1, "chunks": 1}
+    manifest |= {"format": FORMAT, "state": "running", "sessions": []}
+    (tmp_path / "manifest.json").write_text(json.dumps(manifest))
     refused(["report", tmp_path], "not finished", "to continue: impact-xval run --out")
 
 
