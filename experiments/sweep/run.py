@@ -262,6 +262,8 @@ class _Run:
                 read_part(path, self._experiment.layout)
                 whole.add(number)
             except UserError:
+                if path.is_dir():
+                    raise UserError(f"{path}: a folder in the place of a part; legal: remove it") from None
                 self._progress(0, 0, f"part {number} is damaged and will be computed again")
         self._mine = [number for number in self._mine if number not in whole]
         self._done, self._reused = sum(len(cells.chunk(number)) for number in whole), len(whole)

@@ -33,6 +33,8 @@ from impact_xval.experiments.tables.parquet import (
     GROUP,
     read_column,
     read_row_groups,
+    read_table,
+    refuse_damaged,
     replacing,
     table_writer,
 )
@@ -270,17 +272,13 @@ class RunFolder:
     def table_path(self, name: str) -> Path:
         """Return the path of a finished table; raise a `UserError` if the table is missing or damaged."""
         path = (self.tables or self.root) / name
-        try:
+        with refuse_damaged(path):
             pq.read_schema(path)
-        except (OSError, pa.ArrowException):
-            raise UserError(
-                f"{path}: missing or damaged; the command that began the run writes it again"
-            ) from None
         return path
 
     def read_table(self, name: str) -> pa.Table:
         """Return a whole finished table, which must fit into the memory."""
-        return pq.read_table(self.table_path(name))
+        return read_table(self.table_path(name))
 
 
 def part_bytes(rows: pa.Table) -> bytes:
@@ -357,6 +355,8 @@ def lock_for_writing(
             continued = _holds_same_run(folder, cells)
             folder.parts.mkdir(parents=True, exist_ok=True)
             check_writable(root, "--out ")
+            if lock.is_dir():
+                raise UserError(f"{lock}: a folder in the place of the lock; legal: remove it")
             try:
                 held.enter_context(FileLock(lock, timeout=0))
             except Timeout:
@@ -377,8 +377,9 @@ def _refuse_unusable(root: Path, option: str) -> Generator[None]:
     try:
         yield
     except OSError as error:
+        path = error.filename or root
         raise UserError(
-            f"{option}{root}: cannot be written to: {error.strerror}; legal: a new or empty folder"
+            f"{option}{path}: cannot be written to: {error.strerror}; legal: a new or empty folder"
         ) from None
 
 

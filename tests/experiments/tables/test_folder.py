@@ -2,12 +2,14 @@
 
 import json
 import math
+import re
 import subprocess
 import sys
 import time
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from impact_xval.experiments.config import cells
@@ -184,3 +186,31 @@ def test_shards_in_any_order_make_the_tables_of_one_run(tmp_path, fake_run):
     sessions = json.loads((root / "manifest.json").read_text())["sessions"]
     assert [each["shard"] for each in sessions] == ["2 of 4", "1 of 4", "4 of 4", "3 of 4"]
     assert [each["parts_computed"] for each in sessions] == [1, 1, 0, 1]
+
+
+@pytest.mark.parametrize(
+    "words", ["show DIR --cell 0", "report DIR", "compare DIR DIR", "report DIR --only page"]
+)
+@pytest.mark.parametrize("harm", ["page", "footer"])
+def test_a_damaged_table_is_named_and_the_run_writes_it_again(run, fake_run, refused, words, harm):
+    path = run / "divergence.parquet"
+    data = bytearray(path.read_bytes())
+    chunk = (
+        pq.read_metadata(path).row_group(0).column(pq.read_schema(path).names.index("velocity_divergence"))
+    )
+    start = chunk.dictionary_page_offset or chunk.data_page_offset
+    place = start + chunk.total_compressed_size - 1 if harm == "page" else len(data) - 20
+    data[place] ^= 255
+    path.write_bytes(data)
+    refused([str(run) if word == "DIR" else word for word in words.split()], f"{path}: ", "damaged", "again")
+    resumed(run)
+    assert tables_of(run) == tables_of(fake_run.root)
+
+
+@pytest.mark.parametrize("name", [".lock", "a part"])
+def test_a_folder_in_the_place_of_a_file_is_named(run, name):
+    path = min((run / "parts").iterdir()) if name == "a part" else run / name
+    path.unlink(missing_ok=True)
+    path.mkdir()
+    with pytest.raises(UserError, match=re.escape(str(path)) + ": a folder .*; legal: remove it"):
+        resumed(run)
