@@ -8,6 +8,7 @@ Needs `model.collision`, `model.status` and `model.path`. Every solver returns a
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -15,6 +16,9 @@ from impact_xval.model.collision import Collision
 from impact_xval.model.kinetic import kinetic_norm
 from impact_xval.model.path import Path
 from impact_xval.model.status import RESULT_STATUSES, STATUSES, Status
+
+#: Name of a state: one of the paper's, or the numbers of the active contacts, or ``-`` if no contact is active.
+_STATE = re.compile(r"S[1-4]|[1-9]\d*(\+[1-9]\d*)*|-", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,8 +62,8 @@ class Outcome:
     Raises
     ------
     ValueError
-        For an unknown status, a result that is not finite, a missing reason, or lengths that fit no line of balls; the
-        message names the field, the value and what is legal.
+        For an unknown status, a state that is not named as above, a result that is not finite, a missing reason, or
+        lengths that fit no line of balls; the message names the field, the value and what is legal.
     """
 
     solver: str
@@ -80,6 +84,9 @@ class Outcome:
         balls, contacts = len(self.velocities), len(self.impulses)
         if self.status not in STATUSES:
             raise ValueError(f"status = {self.status!r}; legal: {', '.join(STATUSES)}")
+        for state in set(self.states):
+            if not _STATE.fullmatch(state):
+                raise ValueError(f"states: {state!r:.60}; legal: S1 to S4, numbers such as '1+3', or '-'")
         if contacts not in (balls - 1, balls):
             raise ValueError(f"impulses: {contacts} values for {balls} balls; legal: {balls - 1} or {balls}")
         if self.status not in RESULT_STATUSES:

@@ -108,12 +108,29 @@ class Examination:
 
 
 def load_scene(scene: Path) -> Any:
-    """Load a .mjb or MJCF file; a ValueError has MuJoCo's own message if it refuses the file."""
+    """Load a .mjb or MJCF file in which something can move.
+
+    If MuJoCo refuses the file, a ValueError has MuJoCo's own message. A ValueError is also raised for a scene without
+    joints, and for masses or inertias that overflow.
+    """
     load = mujoco.MjModel.from_binary_path if scene.suffix == ".mjb" else mujoco.MjModel.from_xml_path
     try:
-        return load(str(scene))
+        model = load(str(scene))
     except Exception as error:  # the engine can raise any exception on a scene that it does not expect
         raise ValueError(f"{scene}: MuJoCo does not compile it: {error}") from None
+    if model.nv == 0:
+        raise ValueError(f"{scene}: no body can move; legal: a scene with a joint")
+    for body in np.flatnonzero(~(np.isfinite(model.body_mass) & np.isfinite(model.body_inertia).all(axis=1))):
+        name, mass, inertia = (
+            model.body(body).name or f"#{body}",
+            model.body_mass[body],
+            model.body_inertia[body],
+        )
+        raise ValueError(
+            f"{scene}: body {name} has the mass {mass:g} kg and the inertia {inertia.tolist()} kg m^2 in MuJoCo; "
+            "legal: finite numbers"
+        )
+    return model
 
 
 def examine(speed: float, scene: Path) -> tuple[list[MeasuredContact], list[Finding]] | str:

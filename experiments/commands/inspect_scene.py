@@ -70,7 +70,8 @@ def inspect_command(
     if not 0 < speed < math.inf:
         raise UserError(f"--speed = {speed!r}; legal: a finite number > 0 (m/s)")
     if not scene.is_file() or scene.suffix not in (".xml", ".mjb"):
-        raise UserError(f"{scene}: no such file of MuJoCo; legal: a file that ends in .xml or .mjb")
+        what = "a folder" if scene.is_dir() else "no such file of MuJoCo"
+        raise UserError(f"{scene}: {what}; legal: a file that ends in .xml or .mjb")
     _check_fix(scene, fix, keep, newton_metre, json)
     engine = get_solver("mujoco")
     reason = engine.unavailable()

@@ -11,6 +11,7 @@ from __future__ import annotations
 import difflib
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
+from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeGuard, TypeVar, get_args
 
@@ -27,6 +28,10 @@ FieldName = Callable[[Sequence[str | int]], str]
 
 #: A table of a TOML file; its values are texts, numbers, truth values, lists and tables.
 TomlTable = dict[str, object]
+
+#: Largest depth to which tables and lists of a TOML file may be nested. No file that is legal needs ten levels.
+_DEEPEST = 20
+_LEGAL_DEPTH = f"tables and lists in at most {_DEEPEST} levels"
 
 _Model = TypeVar("_Model", bound="BaseModel")
 
@@ -57,15 +62,35 @@ def is_list(value: object) -> TypeGuard[list[object]]:
 
 
 def read_toml(path: Path | str) -> TomlTable:
-    """Read a TOML file; a `UserError` says why it cannot be read."""
+    """Read a TOML file, which may begin with a byte order mark; a `UserError` says why it cannot be read."""
     try:
-        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        table = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror}; legal: a TOML file") from None
     except UnicodeDecodeError as error:
         raise UserError(f"{path}: not UTF-8 (byte {error.start}); legal: a TOML file in UTF-8") from None
+    except RecursionError:
+        raise UserError(f"{path}: nested too deeply; legal: {_LEGAL_DEPTH}") from None
     except ValueError as error:
         raise UserError(f"{path}: not TOML: {error}") from None
+    _check_depth_and_integers(table, str(path), [])
+    return table
+
+
+def _check_depth_and_integers(value: object, path: str, parts: list[str | int]) -> None:
+    """Raise a `UserError` if a value of a TOML file is nested too deeply, or holds an integer of more than 64 bits.
+
+    `parts` are the keys, and the positions in lists, that lead to the value. NumPy has no such integers, and Python
+    cannot turn the largest of them into floats.
+    """
+    if len(parts) > _DEEPEST:
+        raise UserError(f"{path}: {dotted_name(parts)} is nested too deeply; legal: {_LEGAL_DEPTH}")
+    if isinstance(value, int) and not -(2**63) <= value < 2**63:
+        legal = "an integer of 64 bits, or a number with a point or an exponent, up to 1.7e308"
+        raise UserError(f"{path}: {dotted_name(parts)} = {Decimal(value):.3e}; legal: {legal}")
+    if is_table(value) or is_list(value):
+        for key, item in value.items() if is_table(value) else enumerate(value):
+            _check_depth_and_integers(item, path, [*parts, key])
 
 
 def dotted_name(parts: Sequence[str | int]) -> str:

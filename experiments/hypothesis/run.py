@@ -40,7 +40,7 @@ from impact_xval.experiments.hypothesis.judging import (
 from impact_xval.experiments.sweep.run import SweepResult, run_sweep
 from impact_xval.experiments.tables.folder import finished_run, new_folder, write_text
 from impact_xval.experiments.tables.frames import Frame
-from impact_xval.experiments.tables.parquet import replacing
+from impact_xval.experiments.tables.parquet import read_table, replacing
 from impact_xval.model import solve_batch
 from impact_xval.model.status import RESULT_STATUSES
 
@@ -255,7 +255,7 @@ def judge_runs(config: HypothesisConfig, root: Path) -> HypothesisResults:
     tables, versions = [], {}
     for name, solvers in _solvers_by_run(config).items():
         folder = finished_run(root / name)
-        rows: Frame = pd.read_parquet(folder.table_path("cells.parquet"), columns=["cell", *_KEPT, *_READ])
+        rows: Frame = read_table(folder.table_path("cells.parquet"), ["cell", *_KEPT, *_READ]).to_pandas()
         rows = rows[rows.solver.isin(solvers) & (rows.status != "unavailable")]
         rows = rows.merge(pd.read_parquet(root / f"{name}.parquet"), left_on="cell", right_index=True)
         tables.append(rows.assign(decades=config.fit_decades if name == EXACT else 2.0))

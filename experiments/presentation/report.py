@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from impact_xval.experiments.config.errors import is_table
 from impact_xval.experiments.measures.summary import Summary, ladder_statistics_for_csv, summarise
 from impact_xval.experiments.presentation.findings import overall_table
 from impact_xval.experiments.presentation.html import render_page
@@ -69,11 +70,22 @@ def write_report(folder: RunFolder, summary: Summary, cells: Callable[[], str] |
     default it is `pack_opening_cells`. The function is not called if the page has no such cells.
     """
     figures = folder.root / "figures"
-    known = figures / CAPTIONS
-    captions: dict[str, str] = json.loads(known.read_text(encoding="utf-8")) if known.is_file() else {}
+    captions = _read_captions(figures / CAPTIONS)
     if not captions or not all((figures / f"{name}.svg").is_file() for name in captions):
         captions = write_figures(folder, summary)
     blocks = run_blocks(folder, summary, captions, cells or partial(pack_opening_cells, None, folder))
     path = folder.root / "report.html"
     write_text(path, render_page(f"impact-xval: {summary.config.name}", blocks, figures))
     return path
+
+
+def _read_captions(path: Path) -> dict[str, str]:
+    """Return the captions of the figures by the names of the figures; empty if the file is missing or damaged."""
+    try:
+        captions: object = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    if not is_table(captions):
+        return {}
+    texts = {name: caption for name, caption in captions.items() if isinstance(caption, str)}
+    return texts if len(texts) == len(captions) else {}

@@ -11,7 +11,6 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import asdict
 
-import pyarrow.parquet as pq
 from rich.console import Console
 
 from impact_xval.experiments.config.arrangements import CHAIN_AXES
@@ -35,6 +34,7 @@ from impact_xval.experiments.tables.comparison import RunComparison
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.frames import Record
 from impact_xval.experiments.tables.numbers import number, percent
+from impact_xval.experiments.tables.parquet import read_table
 from impact_xval.model.status import RESULT_STATUSES
 
 #: Names for the columns with the difference between engine and model, which a ladder splits into contributions.
@@ -83,9 +83,7 @@ def show_status(console: Console, root: str, status: RunStatus) -> None:
 def rows_of_cell(folder: RunFolder, cell: int) -> list[Record]:
     """Return the rows of a cell of a finished run, one per solver, with outcome, measures and contributions."""
     paths = (folder.table_path(f"{name}.parquet") for name in ("cells", "divergence", "ladder"))
-    rows, measures, ladder = (
-        pq.read_table(path, filters=[("cell", "==", cell)]).to_pandas() for path in paths
-    )
+    rows, measures, ladder = (read_table(path, filters=[("cell", "==", cell)]).to_pandas() for path in paths)
     # The table of ladders has a difference even for rows without a result, which have no D. So its columns get other
     # names.
     ladder = ladder.rename(columns=lambda name: f"ladder_{name}" if _DIFFERENCE.fullmatch(name) else name)

@@ -61,7 +61,7 @@ def write_curves(config: Config, folder: RunFolder, pool: SlotPool[Experiment]) 
     calls = [pool.submit(_solve_curves, name, config.cell_timeout) for name in names]
     curves = pa.Table.from_pylist([call.result() for call in calls], CURVES_SCHEMA)
     with replacing(folder.root / CURVES) as temporary:
-        pq.write_table(curves, temporary, compression="zstd")
+        pq.write_table(curves, temporary, compression="zstd", write_page_checksum=True)
 
 
 def _solve_curves(slot: Slot[Experiment], name: str, timeout: float) -> Record:

@@ -140,7 +140,7 @@ def run_sweep(
     with (
         _one_line(root),
         cluster(scheduler) as client,
-        lock_for_writing(root, config, shard) as (folder, continued),
+        lock_for_writing(root, cells, shard) as (folder, continued),
     ):
         run = _Run(experiment, cells, folder, shard, progress)
         log = folder.root / "solvers.log"
@@ -262,6 +262,8 @@ class _Run:
                 read_part(path, self._experiment.layout)
                 whole.add(number)
             except UserError:
+                if path.is_dir():
+                    raise UserError(f"{path}: a folder in the place of a part; legal: remove it") from None
                 self._progress(0, 0, f"part {number} is damaged and will be computed again")
         self._mine = [number for number in self._mine if number not in whole]
         self._done, self._reused = sum(len(cells.chunk(number)) for number in whole), len(whole)
@@ -342,9 +344,8 @@ class _Run:
         Earlier sessions are read from the folder. This session is passed as an argument when it is over.
         """
         config = self._experiment.config
-        earlier: list[Session] = []
-        with contextlib.suppress(UserError):  # there is no manifest, or the manifest cannot be read
-            earlier = self._folder.manifest()["sessions"]
+        before = self._folder.manifest_or_none()
+        earlier = before["sessions"] if before else []
         return {
             "state": state,
             "name": config.name,
@@ -352,6 +353,8 @@ class _Run:
             "chunks": self._cells.chunks(),
             "reference": REFERENCE,
             "identity": self._identity,
+            "configuration": config.identity(),
+            "cell_values": self._cells.digest,
             "versions": self._versions,
             "libraries": {name: version(name) for name in ("numpy", "scipy", "numba", "pyarrow", "pandas")},
             "machine": {

@@ -53,9 +53,10 @@ class RunStatus:
 
 
 def status_of(root: Path) -> RunStatus:
-    """Read the state of a run from its folder."""
+    """Read the state of a run from its folder; raise a `UserError` if its manifest or experiment is damaged."""
     folder = run_folder(root)
     manifest, writing = folder.manifest(), is_written_to(root)
+    folder.config()
     cells, chunks = manifest["cells"], manifest["chunks"]
     if manifest["state"] == COMPLETE and not writing:
         outcomes = folder.tally()

@@ -20,6 +20,7 @@ import pyarrow.parquet as pq
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.frames import Frame
+from impact_xval.experiments.tables.parquet import read_table
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,10 +149,10 @@ def _read_compared_rows(run: RunFolder, solvers: Sequence[str]) -> Frame:
         *(name for name in names if re.fullmatch(r"v[1-9]\d*[xz]?", name)),
     ]
     chosen = [("solver", "in", list(solvers))]
-    cells = pq.read_table(path, columns=wanted, filters=chosen).to_pandas()
+    cells = read_table(path, wanted, chosen).to_pandas()
     keys = ["cell", "solver"]
     path = run.table_path("divergence.parquet")
-    d = pq.read_table(path, columns=[*keys, "velocity_divergence"], filters=chosen).to_pandas()
+    d = read_table(path, [*keys, "velocity_divergence"], chosen).to_pandas()
     return cells.merge(d, on=keys, how="left")
 
 

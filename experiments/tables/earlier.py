@@ -14,8 +14,9 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.renamed import ARRANGEMENTS, COLUMNS, STATUSES
-from impact_xval.experiments.tables.parquet import table_writer
+from impact_xval.experiments.tables.parquet import read_row_groups, refuse_damaged, table_writer
 
 #: Name of the format of run folders that version 0.4 wrote. It stands in the manifest of such a folder.
 EARLIER_FORMAT = "impact-xval run, format 3"
@@ -34,18 +35,18 @@ def renamed_tables(root: Path) -> Path:
     for path in sorted(root.glob("*.parquet")):
         try:
             _copy_renamed(path, folder / path.name)
-        except pa.ArrowException:
+        except UserError:
             continue
     return folder
 
 
 def _copy_renamed(old: Path, new: Path) -> None:
     """Copy a table with its columns and values renamed. Only one group of rows is in memory at a time."""
-    with pq.ParquetFile(old) as file:
-        schema = rename(file.schema_arrow.empty_table()).schema
-        with table_writer(new, schema) as add:
-            for group in range(file.num_row_groups):
-                add(rename(file.read_row_group(group)).cast(schema))
+    with refuse_damaged(old):
+        schema = rename(pq.read_schema(old).empty_table()).schema
+    with table_writer(new, schema) as add:
+        for group in read_row_groups(old):
+            add(rename(group).cast(schema))
 
 
 def rename(table: pa.Table) -> pa.Table:

@@ -14,8 +14,9 @@ import shlex
 from collections import Counter
 from collections.abc import Generator, Iterable, Iterator
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
-from typing import NotRequired, TypedDict
+from typing import NotRequired, TypedDict, TypeGuard
 
 import numpy as np
 import pyarrow as pa
@@ -23,15 +24,17 @@ import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 from filelock import FileLock, Timeout
 
-from impact_xval.experiments.config.axes import AXES, KEPT
+from impact_xval.experiments.config.axes import AXES, KEPT, MAX_CELLS
 from impact_xval.experiments.config.cells import ExperimentCells, cells_from_ratios, experiment_cells
-from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.config.errors import UserError, is_list, is_table, read_toml
 from impact_xval.experiments.config.experiment import COSMETIC, Config, load_config
 from impact_xval.experiments.tables.earlier import EARLIER_FORMAT, renamed_tables
 from impact_xval.experiments.tables.parquet import (
     GROUP,
     read_column,
     read_row_groups,
+    read_table,
+    refuse_damaged,
     replacing,
     table_writer,
 )
@@ -45,6 +48,8 @@ RUNNING, TABLES, COMPLETE = "running", "tables", "complete"
 #: States of a run whose tables are finished.
 FINISHED = (TABLES, COMPLETE)
 MANIFEST, CONFIGURATION = "manifest.json", "experiment.toml"
+#: Legal content of the file `CONFIGURATION`, in messages.
+_OF_THE_RUN = "the experiment with which the run was begun"
 #: Beginnings of the names of locks, and of files that are not yet completely written.
 _LOCK, _TEMPORARY = ".lock", ".tmp-"
 
@@ -89,6 +94,10 @@ class Manifest(TypedDict):
     reference: str
     #: Hash of everything that determines the content of the parts, which is configuration, versions, and cells.
     identity: str
+    #: Hash of the configuration alone, and hash of the values of the cells if they come from a sample or a file
+    #: (otherwise an empty text). The manifests of version 0.4 have neither.
+    configuration: NotRequired[str]
+    cell_values: NotRequired[str]
     #: Versions by name: of this project and the solvers, and of the libraries that they use.
     versions: dict[str, str]
     libraries: dict[str, str]
@@ -100,6 +109,24 @@ class Manifest(TypedDict):
     sessions: list[Session]
     #: Number of rows by solver and status; only finished runs have it.
     statuses: NotRequired[dict[str, dict[str, int]]]
+
+
+#: Keys of a manifest whose values are texts, and keys whose values are tables.
+_TEXTS = ("state", "name", "reference", "identity")
+_TABLES = ("versions", "libraries", "machine")
+
+
+def _is_manifest(value: object) -> TypeGuard[Manifest]:
+    """Return whether a value that was read from JSON has the keys of a manifest, with values of their types."""
+    return (
+        is_table(value)
+        and all(isinstance(value.get(name), str) for name in _TEXTS)
+        and all(is_table(value.get(name)) for name in _TABLES)
+        and is_list(value.get("sessions"))
+        and value["state"] in (RUNNING, *FINISHED)
+        and all(type(value.get(name)) is int for name in ("cells", "chunks"))
+        and value["chunks"] in range(1, MAX_CELLS + 1)
+    )
 
 
 def write_text(path: Path, text: str) -> None:
@@ -132,11 +159,31 @@ class RunFolder:
         write_text(self.root / CONFIGURATION, config.toml())
 
     def config(self) -> Config:
-        """Return the experiment of the run, from its TOML file."""
+        """Return the experiment of the run, from its TOML file.
+
+        The file of a run has all keys. If it has lost some of them, defaults stand in their places, and it describes
+        another experiment. The manifest shows this.
+        """
         path = self.root / CONFIGURATION
         if not path.exists():
             raise UserError(f"{self.root}: no {CONFIGURATION}; legal: the folder of a run ({FORMAT})")
-        return load_config(path, KEPT)
+        config = load_config(path, KEPT)
+        if not read_toml(path):
+            raise UserError(f"{path}: empty; legal: {_OF_THE_RUN}")
+        manifest = self.manifest_or_none()
+        # Another version may have other keys, which change the hash of the same experiment.
+        is_of_this_version = manifest and manifest["versions"].get("impact-xval") == version("impact-xval")
+        identity = config.identity()
+        if manifest and is_of_this_version and manifest.get("configuration", identity) != identity:
+            raise UserError(f"{path}: not the experiment of {MANIFEST}; legal: {_OF_THE_RUN}")
+        return config
+
+    def manifest_or_none(self) -> Manifest | None:
+        """Return the manifest, or None if it is missing or damaged."""
+        try:
+            return self.manifest()
+        except UserError:
+            return None
 
     def manifest(self) -> Manifest:
         """Return the content of the manifest, whose format may be today's format or that of version 0.4."""
@@ -150,25 +197,25 @@ class RunFolder:
                 )
             raise UserError(f"{self.root}: no {MANIFEST}; legal: the folder of a run, or {again}")
         try:
-            value = json.loads(path.read_text(encoding="utf-8"))
-            its_format = value["format"]
+            value: object = json.loads(path.read_text(encoding="utf-8"))
         except OSError as error:
             raise UserError(f"{path}: cannot be read: {error.strerror}") from None
-        except (ValueError, TypeError, KeyError):
-            raise UserError(f"{path}: damaged; {again}") from None
-        if its_format not in (FORMAT, EARLIER_FORMAT):
+        except (ValueError, RecursionError):
+            value = None
+        its_format = value.get("format") if is_table(value) else None
+        if isinstance(its_format, str) and its_format not in (FORMAT, EARLIER_FORMAT):
             raise UserError(
                 f"{path}: format = {its_format!r:.60}; legal: {FORMAT!r}, which this version writes"
             )
+        if not isinstance(its_format, str) or not _is_manifest(value):
+            raise UserError(f"{path}: damaged; {again}")
         return value
 
     @property
     def is_earlier(self) -> bool:
         """Whether version 0.4 wrote the run; false if the manifest cannot be read."""
-        try:
-            return self.manifest().get("format") == EARLIER_FORMAT
-        except UserError:
-            return False
+        manifest = self.manifest_or_none()
+        return manifest is not None and manifest.get("format") == EARLIER_FORMAT
 
     def write_manifest(self, value: Manifest) -> None:
         """Write the manifest, with the name of today's format added."""
@@ -225,17 +272,13 @@ class RunFolder:
     def table_path(self, name: str) -> Path:
         """Return the path of a finished table; raise a `UserError` if the table is missing or damaged."""
         path = (self.tables or self.root) / name
-        try:
+        with refuse_damaged(path):
             pq.read_schema(path)
-        except (OSError, pa.ArrowException):
-            raise UserError(
-                f"{path}: missing or damaged; the command that began the run writes it again"
-            ) from None
         return path
 
     def read_table(self, name: str) -> pa.Table:
         """Return a whole finished table, which must fit into the memory."""
-        return pq.read_table(self.table_path(name))
+        return read_table(self.table_path(name))
 
 
 def part_bytes(rows: pa.Table) -> bytes:
@@ -297,21 +340,23 @@ def _row_groups(parts: Iterable[Path], layout: Layout) -> Iterator[pa.Table]:
 
 @contextlib.contextmanager
 def lock_for_writing(
-    root: Path, config: Config, shard: tuple[int, int] = (1, 1)
+    root: Path, cells: ExperimentCells, shard: tuple[int, int] = (1, 1)
 ) -> Generator[tuple[RunFolder, bool]]:
     """Lock the folder of a run, or one shard of the run, while the `with` block runs.
 
-    Yield the folder, and whether it already holds a run of this experiment. The operating system releases the lock as
-    soon as the process ends. In a new folder the experiment is written before any part, so that the folder can be
-    recognised even if the run is killed.
+    Yield the folder, and whether it already holds a run of this experiment with the same cells. The operating system
+    releases the lock as soon as the process ends. In a new folder the experiment is written before any part, so that
+    the folder can be recognised even if the run is killed.
     """
     folder = RunFolder(root)
     lock = root / (_LOCK if shard == (1, 1) else f"{_LOCK}-{shard[0]}-of-{shard[1]}")
     with contextlib.ExitStack() as held:
         with _refuse_unusable(root, "--out "):
-            continued = _holds_same_run(folder, config)
+            continued = _holds_same_run(folder, cells)
             folder.parts.mkdir(parents=True, exist_ok=True)
             check_writable(root, "--out ")
+            if lock.is_dir():
+                raise UserError(f"{lock}: a folder in the place of the lock; legal: remove it")
             try:
                 held.enter_context(FileLock(lock, timeout=0))
             except Timeout:
@@ -319,7 +364,7 @@ def lock_for_writing(
                     f"--out {root}: another run writes there; legal: wait for it, or another folder"
                 ) from None
             if not continued:
-                folder.write_config(config)
+                folder.write_config(cells.config)
         yield folder, continued
 
 
@@ -332,8 +377,9 @@ def _refuse_unusable(root: Path, option: str) -> Generator[None]:
     try:
         yield
     except OSError as error:
+        path = error.filename or root
         raise UserError(
-            f"{option}{root}: cannot be written to: {error.strerror}; legal: a new or empty folder"
+            f"{option}{path}: cannot be written to: {error.strerror}; legal: a new or empty folder"
         ) from None
 
 
@@ -346,8 +392,8 @@ def _names_in_folder(root: Path) -> list[str]:
     return sorted(name for name in names if not name.startswith(_TEMPORARY))
 
 
-def _holds_same_run(folder: RunFolder, config: Config) -> bool:
-    """Return whether a folder holds a run of this experiment.
+def _holds_same_run(folder: RunFolder, cells: ExperimentCells) -> bool:
+    """Return whether a folder holds a run of the experiment that has these cells.
 
     A folder that is empty or does not exist holds no run. A `UserError` is raised if the folder holds something other
     than a run of this experiment.
@@ -355,7 +401,8 @@ def _holds_same_run(folder: RunFolder, config: Config) -> bool:
     root, entries = folder.root, _names_in_folder(folder.root)
     if CONFIGURATION in entries:
         check_continues(root)
-        _check_same_experiment(folder, config)
+        _check_same_experiment(folder, cells.config)
+        _check_same_cells(folder, cells)
         return True
     if MANIFEST in entries:
         folder.manifest()  # raises a UserError if the manifest has another format
@@ -386,6 +433,17 @@ def _check_same_experiment(folder: RunFolder, config: Config) -> None:
     keys = [key for key in {**old, **new} if key not in COSMETIC and old.get(key) != new.get(key)]
     detail = f"{keys[0]} = {old.get(keys[0])} there, {new.get(keys[0])} now" if keys else "other axes"
     raise UserError(f"--out {folder.root}: holds a run of another configuration: {detail}")
+
+
+def _check_same_cells(folder: RunFolder, cells: ExperimentCells) -> None:
+    """Raise a `UserError` if a folder holds a run whose cells had other values, such as another file of cells."""
+    manifest = folder.manifest_or_none()
+    if manifest and manifest.get("cell_values", cells.digest) != cells.digest:
+        source = "the sample" if cells.config.cells is None else cells.config.cells
+        raise UserError(
+            f"--out {folder.root}: holds a run of other cells than those of {source}; legal: the same cells, "
+            "or a new folder"
+        )
 
 
 def tables_lock(folder: RunFolder) -> FileLock:

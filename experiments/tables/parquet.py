@@ -1,7 +1,8 @@
 """Writing and reading of Parquet tables that may be larger than the memory.
 
 Tables are written and read in row groups. If a row group holds one row of a cell, it holds all rows of this cell. A
-file appears under its final name only when it is complete.
+file appears under its final name only when it is complete. Pages of tables have checksums, which are verified when the
+pages are read. Without them, a flipped bit could be read as another number.
 
 Arrow is used instead of polars (2.1) and DuckDB (2.0) for two reasons. First, polars and DuckDB lose the units in the
 metadata of columns, and the type of text columns. Second, their means differ from the means of pandas in the last bits.
@@ -20,6 +21,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
+
+from impact_xval.experiments.config.errors import UserError
 
 #: Least number of rows in a row group of a finished table. The last group of a table may be smaller.
 GROUP = 65_536
@@ -58,18 +61,52 @@ def table_writer(path: Path, schema: pa.Schema) -> Generator[Callable[[pa.Table]
 
     The file appears as `path` when the block ends without an error.
     """
-    with replacing(path) as temporary, pq.ParquetWriter(temporary, schema, compression="zstd") as writer:
+    with (
+        replacing(path) as temporary,
+        pq.ParquetWriter(temporary, schema, compression="zstd", write_page_checksum=True) as writer,
+    ):
         yield lambda rows: writer.write_table(rows, row_group_size=len(rows))
 
 
-def read_row_groups(path: Path, columns: Sequence[str]) -> Iterator[pa.Table]:
-    """Yield some columns of a finished table, one row group at a time.
+@contextlib.contextmanager
+def refuse_damaged(path: Path) -> Generator[None]:
+    """Turn an error of Arrow about a finished table of a run, in the `with` block, into a `UserError`."""
+    try:
+        yield
+    except (OSError, pa.ArrowException):
+        raise UserError(
+            f"{path}: missing or damaged; the command that began the run writes it again"
+        ) from None
 
-    If a row group holds one row of a cell, it holds all rows of this cell.
+
+def read_table(
+    path: Path,
+    columns: Sequence[str] | None = None,
+    filters: object = None,
+    read_dictionary: Sequence[str] | None = None,
+) -> pa.Table:
+    """Return a finished table; the arguments are those of `pyarrow.parquet.read_table`.
+
+    A `UserError` names a file that is missing or damaged.
     """
-    with pq.ParquetFile(path) as file:
+    with refuse_damaged(path):
+        return pq.read_table(
+            path,
+            columns=columns and list(columns),
+            filters=filters,
+            read_dictionary=read_dictionary and list(read_dictionary),
+            page_checksum_verification=True,
+        )
+
+
+def read_row_groups(path: Path, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
+    """Yield some columns of a finished table, or all of them, one row group at a time.
+
+    If a row group holds one row of a cell, it holds all rows of this cell. A `UserError` names a damaged file.
+    """
+    with refuse_damaged(path), pq.ParquetFile(path, page_checksum_verification=True) as file:
         for group in range(file.num_row_groups):
-            yield file.read_row_group(group, columns=list(columns))
+            yield file.read_row_group(group, columns=columns and list(columns))
 
 
 def rows_at(path: Path, places: Sequence[int]) -> pa.Table:
@@ -77,7 +114,7 @@ def rows_at(path: Path, places: Sequence[int]) -> pa.Table:
 
     Only one row group is in memory at a time, whereas a pyarrow data set would load the whole table.
     """
-    with pq.ParquetFile(path) as file:
+    with refuse_damaged(path), pq.ParquetFile(path, page_checksum_verification=True) as file:
         lengths = (file.metadata.row_group(group).num_rows for group in range(file.num_row_groups))
         starts, rows = [0, *itertools.accumulate(lengths)], [file.schema_arrow.empty_table()]
         for place in places:
@@ -94,7 +131,7 @@ def read_selected(path: Path, columns: Sequence[str], keep: pc.Expression | None
     # Text columns that only the condition uses are not read as dictionaries. The reason is an error of pyarrow before
     # version 26: if a dictionary has no entries, none of its elements counts as null.
     text = [f.name for f in pq.read_schema(path) if pa.types.is_string(f.type) and f.name in columns]
-    return pq.read_table(path, columns=list(columns), filters=keep, read_dictionary=text).unify_dictionaries()
+    return read_table(path, columns, keep, text).unify_dictionaries()
 
 
 def read_column(path: Path, name: str) -> np.ndarray:

@@ -1,6 +1,7 @@
 """Illegal input is refused with field, value and legal range, in single collisions and in batches; limits are legal."""
 
 import math
+import re
 from itertools import product
 
 import numpy as np
@@ -103,8 +104,14 @@ def test_an_illegal_outcome_is_refused_when_it_is_made():
             r"impulses\[1\] = inf; legal with .* 'closed-form'",
         ),
         ({"impulses": (1.0, 2.0, 3.0)}, "impulses: 3 values for 2 balls; legal: 1 or 2"),
+        *(
+            ({"states": ("S1", state)}, f"states: {re.escape(repr(state))}; legal: S1 to S4, .* '-'")
+            for state in ("<script>", "S1\x1b[2J", "S5", "0", "1+", "1 + 2", "S1\n", "")
+        ),
         ({"status": "timeout"}, "reason = ''; legal with the status 'timeout': why"),
     ):
         refuses(says, Outcome, **{"solver": "x", "velocities": (0.1, 0.2), "impulses": (1.0, 2.0)} | fields)
+    for states in ((), ("S1", "S4"), ("1+3", "12", "-")):
+        assert Outcome("x", (0.1, 0.2), (1.0,), states).states == states
     unfinished = Outcome("x", (math.nan, 0.2), (1.0,), status="unconverged", reason="too few steps")
     assert math.isnan(unfinished.v1)

@@ -191,3 +191,23 @@ def test_what_the_drops_leave_out_is_one_line(tmp_path, command):
         "the limits of 1 joint",
     ):
         assert part in head
+
+
+@pytest.mark.parametrize(
+    ("size", "joint", "says"),
+    [("1", "", "no body can move"), ("1e300", "<freejoint/>", "body ball has the mass inf kg")],
+)
+def test_a_scene_in_which_nothing_moves_or_masses_overflow_is_refused(tmp_path, refused, size, joint, says):
+    scene = tmp_path / "scene.xml"
+    scene.write_text(
+        '<mujoco><worldbody><geom type="plane" size="1 1 1"/>'
+        f'<body name="ball">{joint}<geom size="{size}"/></body></worldbody></mujoco>'
+    )
+    refused(["inspect", scene], f"{scene}: {says}", "legal: ")
+
+
+def test_a_folder_is_no_scene(tmp_path, refused):
+    (tmp_path / "scene.xml").mkdir()
+    refused(
+        ["inspect", tmp_path / "scene.xml"], "scene.xml: a folder; legal: a file that ends in .xml or .mjb"
+    )

@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from impact_xval.experiments.config.experiment import load_config
 from impact_xval.experiments.tables.folder import FORMAT
 
 BELOW_ONE = "from 0 to 1"
@@ -83,6 +84,14 @@ CONFIGS = [
     ("solvers = ['mujoco', 'mujoco']", ["solvers", "'mujoco'", "each solver once"]),
     ("solvers = 'mujoco'", ["solvers = 'mujoco'", "a list of names"]),
     ("gravity = 9.81\nm1 = = 2", ["not TOML", "line 2"]),
+    ("name = " + "[" * 3000 + "]" * 3000, ["nested too deeply", "at most 20 levels"]),
+    ("name = " + "{a = " * 2000 + "1" + "}" * 2000, ["nested too deeply", "at most 20 levels"]),
+    ("name." + "a." * 3000 + "a = 1", ["name.a.a", "is nested too deeply", "at most 20 levels"]),
+    (f"stiffness_ratio_cutoff = {'9' * 400}", ["stiffness_ratio_cutoff = 1.000e+400", "64 bits"]),
+    (f"[grid]\nstiffness_ratio = {'9' * 400}", ["grid.stiffness_ratio = 1.000e+400", "up to 1.7e308"]),
+    (f"[grid]\nk2 = {{log = [1, -{'9' * 400}, 3]}}", ["grid.k2.log.1 = -1.000e+400", "64 bits"]),
+    ("[grid]\nk2 = {linear = [1, 9223372036854775808, 3]}", ["grid.k2.linear.1 = 9.223e+18", "64 bits"]),
+    (f"[sample]\nstiffness_ratio = {{linear = [1, 0x{'f' * 4000}]}}", ["linear.1 = ", "e+4816", "64 bits"]),
 ]
 
 
@@ -104,6 +113,11 @@ def test_a_configuration_that_cannot_be_read_is_one_line(tmp_path, refused):
     refused(["run", tmp_path, *out], str(tmp_path), "Is a directory")
     refused(["run", tmp_path / "none.toml", *out], "none.toml", "No such file")
     assert sorted(tmp_path.iterdir()) == [latin]
+
+
+def test_a_file_that_begins_with_a_byte_order_mark_is_read(tmp_path):
+    (tmp_path / "marked.toml").write_text("k1 = 5.0", encoding="utf-8-sig")
+    assert load_config(tmp_path / "marked.toml").k1 == 5
 
 
 HEADER = "stiffness_ratio,mass_ratio,e1,e2\n"
@@ -138,7 +152,10 @@ def test_what_is_shown_of_a_run_needs_a_finished_one(name, tmp_path, refused):
     refused([name, tmp_path / "none"], "none", "no such folder")
     refused([name, __file__], __file__, "a file; legal: the folder of a run")
     refused([name, tmp_path], "no manifest.json", "legal: the folder of a run")
-    (tmp_path / "manifest.json").write_text(json.dumps({"format": FORMAT, "state": "running"}))
+    texts, tables = ("name", "reference", "identity"), ("versions", "libraries", "machine")
+    manifest = dict.fromkeys(texts, "") | {name: {} for name in tables} | {"cells": 1, "chunks": 1}
+    manifest |= {"format": FORMAT, "state": "running", "sessions": []}
+    (tmp_path / "manifest.json").write_text(json.dumps(manifest))
     refused(["report", tmp_path], "not finished", "to continue: impact-xval run --out")
 
 

@@ -1,6 +1,7 @@
 """Files and folders of a user that cannot be used are refused with one line, before any work is done."""
 
 import errno
+import json
 import os
 from pathlib import Path
 
@@ -82,3 +83,14 @@ def test_a_file_without_a_key_starts_nothing(tmp_path, refused, command, text):
     words = [command, tmp_path / "empty.toml", "--out", tmp_path / "out"]
     refused(words, "empty.toml: empty", f"needs no file: impact-xval {command}")
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("text", [b"{", b"[1]", b"\xff", b"[" * 100_000, b'{"D": 1}'])
+def test_damaged_captions_are_written_again(run, command, text):
+    path = run / "figures/captions.json"
+    path.parent.mkdir()
+    path.write_bytes(text)
+    command(["report", run, "--only", "page"])
+    captions = json.loads(path.read_text(encoding="utf-8"))
+    assert captions
+    assert all((path.parent / f"{name}.svg").is_file() for name in captions)
