@@ -5,9 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from impact_xval import Collision, solve
+from impact_xval import Collision, get_solver, solve
+from impact_xval.compliant_baselines.restitution import damping_ratio, restitution
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.hypothesis.own import judge_own_pair, load_own_collision, own_pair_blocks
+from impact_xval.plugins import Settings
 
 PAIR = "hypothesis --mass-ratio 2 --e1 0.8 --e2 0.6"
 
@@ -125,3 +127,40 @@ def test_a_contact_that_is_named_is_the_one_in_question():
     pair = Collision.two_balls(m1=1.0, m2=1.0, k1=1e6, k2=1e8, e1=0.9, e2=0.9, v0=-1.0)
     with pytest.raises(UserError, match=r"contact 1: .* is 0\.01; legal"):
         judge_own_pair(pair, 0)
+
+
+def _reduced_mass(masses, contact):
+    """Return the reduced mass of the two bodies of a contact; the last contact is with the table."""
+    return 1 / (1 / masses[contact] + sum(1 / m for m in masses[contact + 1 : contact + 2]))
+
+
+def test_dashpots_that_are_kept_make_the_stiff_pair_one_body():
+    """Balls 2 and 3 rest on a table with a stiff contact between them, and Kelvin-Voigt contacts lose energy.
+
+    Welded with the same e, the other contacts have other dashpots, and D does not fall. Welded with the same dashpots
+    (c in N s/m), D falls about in inverse proportion to the contrast.
+    """
+    solver, settings = get_solver("kelvin-voigt"), Settings(mark=False)
+    rng = np.random.default_rng(5)
+    for _ in range(6):
+        masses, e = np.exp(rng.uniform(-0.7, 0.7, 3)), rng.uniform(0.55, 0.97, 3)
+        stiffnesses = 1e6 * np.exp(rng.uniform(-1, 1, 3))
+        welded = np.array([masses[0], masses[1] + masses[2]])
+        growth = [_reduced_mass(masses, i) / _reduced_mass(welded, j) for i, j in ((0, 0), (2, 1))]
+        kept = [restitution(damping_ratio(e[i]) * np.sqrt(x)) for i, x in zip((0, 2), growth, strict=True)]
+        distances = []
+        for contrast in (1e2, 1e4, 1e6):
+            stiffnesses[1] = contrast * max(stiffnesses[0], stiffnesses[2])
+            apart = Collision(masses, stiffnesses, e, (-1, 0, 0), table=True)
+            v = np.array(solver.solve(apart, settings).velocities)
+            row = []
+            for its_e in (e[[0, 2]], kept):
+                united = Collision(welded, stiffnesses[[0, 2]], its_e, (-1, 0), table=True)
+                w = np.array(solver.solve(united, settings).velocities)[[0, 1, 1]]
+                row.append(float(np.sqrt(masses @ (v - w) ** 2 / masses[0])))
+            distances.append(row)
+        same_e, same_c = np.transpose(distances)
+        assert same_e[-1] > 0.005
+        assert same_e[-1] == pytest.approx(same_e[-2], rel=1e-2)
+        # The stiff contact oscillates, and D depends on its phase too.
+        assert math.log(same_c[0] / same_c[-1], 1e4) == pytest.approx(1, abs=0.1)
