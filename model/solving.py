@@ -70,8 +70,17 @@ def solve(
     ----------
     collision : Collision
         Every limiting case is legal: e_i = 0, e_i = 1, and for two balls on a table k2/k1 = 0 or infinity.
-    law, stiffness_ratio_cutoff, max_events, grazing_threshold
-        The same as for `solve_many`.
+    law : str
+        ``jia-mason-erdmann``, the model's own law, or ``liu-zhao-brogliato``. The second law differs only in repeated
+        compressions of a contact, which begin with the original stiffness.
+    stiffness_ratio_cutoff : float or "exact"
+        For two balls on a table. With a number greater than 1 the closed form of the limiting case finishes the
+        collision when the running stiffness ratio exceeds this number, or falls below its inverse. With ``exact`` the
+        closed form finishes it as soon as this changes the outcome by less than `pair.limits.BOUND`.
+    max_events : int, optional
+        Largest number of events. A collision that needs more is given up. The default takes about a second.
+    grazing_threshold : float
+        Grazing margin below which an outcome is marked as near a jump.
     path : bool
         Whether the outcome has a `path`: velocities, impulses and forces during the collision.
 
@@ -376,8 +385,10 @@ def solve_batch(
     ----------
     stiffness_ratio, mass_ratio, e1, e2 : array_like
         k2/k1 from 0 to infinity, m2/m1 > 0 and finite, e_i from 0 to 1; they broadcast.
-    law, stiffness_ratio_cutoff, max_events, grazing_threshold, states, paths
-        The same as for `solve_many`, but states are not recorded by default.
+    law, stiffness_ratio_cutoff, max_events, grazing_threshold
+        The same as for `solve`.
+    states, paths : bool
+        Whether outcomes have states, and whether they have paths.
 
     Returns
     -------

@@ -306,11 +306,11 @@ def own_pair_blocks(own: OwnPair) -> Iterator[Block]:
     yield Table([*header, "as the contrast grows"], rows, text=2)
     highest = number(max(_TO, min(_MOST, 100 * own.contrast)))
     yield (
-        "D: difference from the same collision with the pair welded, by the same law. It is the kinetic norm of the "
-        "difference of final velocities, over the kinetic norm of the velocities at first touch. As one body: whether "
-        f"D is at most {CLOSE:g} at your contrast. The other contacts keep their e, so a law with dashpots computes them "
-        "anew for the welded body (docs/hypothesis.md). As the contrast grows: where D goes as only this contact becomes "
-        f"stiffer, up to a contrast of {highest}."
+        "D: difference from the same collision with the pair welded, by the same law. It is the kinetic norm "
+        "of the difference of final velocities, over the kinetic norm of the velocities at first touch. The "
+        "other contacts keep their e, so a law with dashpots computes them anew for the welded body "
+        f"(docs/hypothesis.md). As one body: whether D is at most {CLOSE:g} at your contrast. As the contrast "
+        f"grows: where D goes as only this contact becomes stiffer, up to a contrast of {highest}."
     )
     if own.meets:
         yield (

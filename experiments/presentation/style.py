@@ -48,6 +48,7 @@ _PARAMETERS: dict[RcKeyType, object] = {
     "lines.linewidth": 1.6,
     "lines.markersize": 4.5,
     "svg.hashsalt": "impact-xval",
+    "pdf.fonttype": 42,  # TrueType: some publishers refuse the default, Type 3
 }
 
 
@@ -86,7 +87,7 @@ def save_figure(figure: Figure, folder: Path, name: str) -> None:
     figure.set_layout_engine("none")  # the layout is final from here on
     with mpl.rc_context(_PARAMETERS), replacing(folder / f"{name}.svg") as temporary:
         FigureCanvasSVG(figure).print_svg(temporary, metadata={"Date": None})
-    with replacing(folder / f"{name}.pdf") as temporary:
+    with mpl.rc_context(_PARAMETERS), replacing(folder / f"{name}.pdf") as temporary:
         FigureCanvasPdf(figure).print_pdf(temporary, metadata={"CreationDate": None})
 
 

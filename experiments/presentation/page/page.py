@@ -338,7 +338,8 @@ def _describe_state_order(summary: Summary, name: str) -> Markup:
     """
     sentence = fill_sentence(
         "{solver} has the same sequence of contact states as the model in {equal} of the {n} {cells} that the model "
-        "solves without the closed form of a limiting case (such as e = 0)",
+        "solves without a closed form (closed forms end limiting cases, such as e = 0 or a stiffness ratio that "
+        "grows without limit)",
         solver=display_name(name),
         cells=findings.count_noun(statistic_value(summary, name, "n", FULL_PATHS).value, "cells"),
         equal=statistic_value(summary, name, "mean", FULL_PATHS),

@@ -68,7 +68,7 @@ _CAPTIONS = {
     f"{number(_FLOOR)}. {LEFT_OUT} {{votes}}",
     FULL_PATHS: "Share of cells in which a solver has the same sequence of contact states as the model, over {over}. "
     "The states are S1 (both contacts active), S2 (ball on table), S3 (ball on ball) and S4 (none). Only cells count "
-    "that the model solves without the closed form of a limiting case (such as e = 0). "
+    "that the model solves without a closed form (closed forms end limiting cases, such as e = 0). "
     f"{_SIDE} {LEFT_OUT}",
 }
 
