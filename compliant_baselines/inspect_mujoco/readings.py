@@ -277,7 +277,7 @@ def advise_on_ratio(
     wished = [ratio] if looks_like_restitution(ratio) else []
     wished += [e for e in _USUAL_RESTITUTIONS if e not in wished and not _is_near(measured.restitution, e)]
     choices = [
-        (e, _round_solref(_find_solref(bodies, option, speed, e, measured.duration))) for e in wished[:2]
+        (e, round_solref(_find_solref(bodies, option, speed, e, measured.duration))) for e in wished[:2]
     ]
     step = min(_step_of_choice(option, measured.duration, solref) for _, solref in choices)
     return RatioAdvice(
@@ -329,7 +329,7 @@ def _find_solref(
     return min(measured)[1] if measured else by_formula
 
 
-def _round_solref(solref: tuple[float, float]) -> tuple[float, float]:
+def round_solref(solref: tuple[float, float]) -> tuple[float, float]:
     """Round a time constant in s and a damping ratio to three digits.
 
     A damping ratio that would then have two digits or fewer gets a neighbouring number with three digits, because
