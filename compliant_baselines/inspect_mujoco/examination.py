@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import difflib
 import time
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -29,11 +30,13 @@ from impact_xval.compliant_baselines.inspect_mujoco.scene_contacts import (
     MOST_GEOMS,
     Bodies,
     MujocoOption,
+    SceneContact,
     find_contacts,
     name_of_geom,
     select_geoms,
 )
 from impact_xval.compliant_baselines.inspect_mujoco.traps import (
+    FORCE_LEVEL,
     GOOD_STEPS,
     Finding,
     Trap,
@@ -100,6 +103,10 @@ class Examination:
     integrator: str
     #: Phrases that name effects of the scene which are missing in the drops.
     omissions: list[str] = field(default_factory=list[str])
+    #: Greatest impedance d of a contact with a body that is in a second contact too; 0 if it is small, or if there is
+    #: no such body. If two contacts of a body are hit at once, the force of one is wrong by up to d times the force of
+    #: the other.
+    shared_impedance: float = 0.0
 
     @property
     def contacts(self) -> list[ExaminedContact]:
@@ -236,6 +243,7 @@ def examine_groups(
         step=float(model.opt.timestep),
         integrator=mujoco.mjtIntegrator(model.opt.integrator).name.removeprefix("mjINT_"),
         omissions=list_omissions(model),
+        shared_impedance=find_shared_impedance(model, contacts),
     )
 
 
@@ -250,6 +258,25 @@ def number_of_geom(model: Any, name: str) -> int:
     raise ValueError(
         f"--geom = {name!r}: the scene has no such geom; legal: a name such as {', '.join(near)}"
     )
+
+
+def find_shared_impedance(model: Any, contacts: Sequence[SceneContact]) -> float:
+    """Return the greatest impedance of the contacts with a moving body that is in two or more of the contacts.
+
+    The impedance is the larger end of the solimp. The result is 0 if no moving body is in two contacts, or if the
+    impedance is at most `FORCE_LEVEL`.
+    """
+    # Bodies without a joint between them are one body. Number 0 is the fixed world.
+    bodies_of_geoms = model.body_weldid[model.geom_bodyid].tolist()
+    bodies = [{bodies_of_geoms[geom] for geom in contact.geoms} - {0} for contact in contacts]
+    counts = Counter(body for pair in bodies for body in pair)
+    shared = [
+        max(contact.bodies.solimp[:2])
+        for contact, pair in zip(contacts, bodies, strict=True)
+        if any(counts[body] > 1 for body in pair)
+    ]
+    greatest = max(shared, default=0.0)
+    return greatest if greatest > FORCE_LEVEL else 0.0
 
 
 def list_omissions(model: Any) -> list[str]:

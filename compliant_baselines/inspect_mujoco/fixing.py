@@ -1,5 +1,8 @@
 """Write a MuJoCo scene in which contacts behave as a user may have meant their parameters, and measure it.
 
+This holds for two bodies alone. If a body is in two contacts at once, the new scene behaves otherwise than the original
+one, in which each contact's force was wrong (docs/mapping.md, section 9).
+
 The parameters are a solref in the direct format, (-stiffness, -damping). They are called direct numbers below. MuJoCo
 itself writes the compiled scene as one file (`mj_saveLastXML`), with includes and frames resolved and with six digits.
 Then each contact with direct numbers gets a <pair> in this file. The time step becomes the longest one at which all
@@ -87,10 +90,13 @@ class FixedScene:
     zero_tolerance: bool
     #: Number of contacts that got no <pair>.
     unchanged: int
+    #: Greatest impedance, in the original scene, of a contact with a body that is in a second contact too; 0 if it is
+    #: small, or if there is no such body.
+    shared_impedance_before: float
 
     @property
     def is_kept(self) -> bool:
-        """True if all measured contacts have the restitution and duration that were meant."""
+        """True if all measured contacts have the restitution and duration that were meant, with two bodies alone."""
         return all(contact.is_kept for contact in self.written)
 
 
@@ -147,6 +153,7 @@ def fix_scene(source: Path, target: Path, kind: Kind, speed: float, geom: str | 
         step=step,
         zero_tolerance=zero_tolerance,
         unchanged=contacts - len(to_write),
+        shared_impedance_before=examination.shared_impedance,
     )
 
 

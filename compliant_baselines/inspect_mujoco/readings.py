@@ -19,6 +19,7 @@ from impact_xval.compliant_baselines.inspect_mujoco.traps import (
     describe_damping_ratio,
     format_numbers,
     is_at_force_level,
+    looks_like_restitution,
 )
 from impact_xval.compliant_baselines.mapping import KelvinVoigtContact, mujoco_contact
 from impact_xval.compliant_baselines.restitution import contact_time, damping_ratio
@@ -108,7 +109,8 @@ class RatioAdvice(NamedTuple):
 
     #: The present solref of the contact.
     solref: tuple[float, float]
-    #: Pairs of a restitution and the solref that gives this restitution with the present duration of the contact.
+    #: Pairs of a restitution and the solref that gives this restitution with the present duration of the contact. The
+    #: numbers are rounded to three digits. No damping ratio among them looks like a restitution.
     choices: list[tuple[float, tuple[float, float]]]
     #: Longest time step in s that is good for all these solrefs.
     step: float
@@ -119,7 +121,7 @@ class RatioAdvice(NamedTuple):
     def problem(self) -> str:
         """A phrase that names the solrefs that miss their restitution; ``""`` if there are none."""
         missed = [
-            f"solref {format_numbers(solref, 3)} proposed for e = {e:g} gives "
+            f"solref {format_numbers(solref)} proposed for e = {e:g} gives "
             + ("no result" if measured is None else f"{measured:.3g}")
             for (e, solref), measured in zip(self.choices, self.measured, strict=True)
             if not _is_near(measured, e)
@@ -130,8 +132,7 @@ class RatioAdvice(NamedTuple):
     def text(self) -> str:
         """The advice as a sentence."""
         first, *others = (
-            f'{e:g} write {solref[1]:.3g} (solref="{format_numbers(solref, 3)}")'
-            for e, solref in self.choices
+            f'{e:g} write {solref[1]:g} (solref="{format_numbers(solref)}")' for e, solref in self.choices
         )
         drops = " and ".join("no rebound" if e is None else f"{e:.3g}" for e in self.measured)
         return (
@@ -268,14 +269,16 @@ def is_as_meant(row: MeasuredContact, meant: KelvinVoigtContact) -> bool:
 def advise_on_ratio(
     bodies: Bodies, option: MujocoOption, speed: float, measured: MeasuredContact
 ) -> RatioAdvice | None:
-    """Return damping ratios that give several restitutions with the measured duration; None for direct solrefs."""
+    """Return damping ratios that give other restitutions with the measured duration; None for direct solrefs."""
     time_constant, ratio = bodies.solref
     if min(time_constant, ratio) <= 0 or not measured.duration:
         return None
     # A user who took the damping ratio for a restitution wants the restitution with this number.
-    wished = [ratio] if ratio < 1 else []
-    wished += [e for e in _USUAL_RESTITUTIONS if e not in wished]
-    choices = [(e, _find_solref(bodies, option, speed, e, measured.duration)) for e in wished[:2]]
+    wished = [ratio] if looks_like_restitution(ratio) else []
+    wished += [e for e in _USUAL_RESTITUTIONS if e not in wished and not _is_near(measured.restitution, e)]
+    choices = [
+        (e, round_solref(_find_solref(bodies, option, speed, e, measured.duration))) for e in wished[:2]
+    ]
     step = min(_step_of_choice(option, measured.duration, solref) for _, solref in choices)
     return RatioAdvice(
         (time_constant, ratio),
@@ -324,6 +327,20 @@ def _find_solref(
         zeta *= math.log(e) / math.log(row.restitution)
         stretch *= duration / row.duration
     return min(measured)[1] if measured else by_formula
+
+
+def round_solref(solref: tuple[float, float]) -> tuple[float, float]:
+    """Round a time constant in s and a damping ratio to three digits.
+
+    A damping ratio that would then have two digits or fewer gets a neighbouring number with three digits, because
+    `looks_like_restitution` is true of the rounded number. A damping ratio of 1 or more gets four digits.
+    """
+    time_constant, ratio = solref
+    rounded = float(f"{ratio:.{3 if ratio < 1 else 4}g}")
+    if looks_like_restitution(rounded):
+        unit = 10.0 ** (math.floor(math.log10(rounded)) - 2)
+        rounded = float(f"{rounded + math.copysign(unit, ratio - rounded):.3g}")
+    return float(f"{time_constant:.3g}"), rounded
 
 
 def _step_of_choice(option: MujocoOption, duration: float, solref: tuple[float, float]) -> float:

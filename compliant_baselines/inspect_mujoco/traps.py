@@ -182,7 +182,7 @@ def traps_in_parameters(
     impedances = [row.impedances for row in measured] or [None]
     if first < 0 and not all(is_at_force_level(bodies.solimp, ends) for ends in impedances):
         yield Trap("not-newton-per-metre", _describe_direct_stiffness(-first, alike, measured))
-    if min(solref) > 0 and solref[1] != MUJOCO_DEFAULT_SOLREF[1]:
+    if min(solref) > 0 and looks_like_restitution(solref[1]):
         yield Trap("damping-ratio", describe_damping_ratio(solref, measured))
     if solref == MUJOCO_DEFAULT_SOLREF and not np.allclose(bodies.solimp, MUJOCO_DEFAULT_SOLIMP):
         solimp = format_numbers(bodies.solimp)
@@ -243,6 +243,15 @@ def _describe_direct_stiffness(
         f"the stiffness {stiffness:g} is in 1/s^2. Two bodies alone {gets}. With {at} a third body that touches one of "
         "them changes the stiffness"
     )
+
+
+def looks_like_restitution(damping_ratio: float) -> bool:
+    """Return True if a damping ratio may have been written as a restitution, such as 0.5 or 0.85.
+
+    Such a number is between 0 and 1 and has at most two significant digits. A damping ratio that was computed for a
+    restitution, such as 0.255, usually has more digits.
+    """
+    return 0 < damping_ratio < 1 and math.isclose(float(f"{damping_ratio:.2g}"), damping_ratio, rel_tol=1e-9)
 
 
 def describe_damping_ratio(solref: tuple[float, float], measured: Sequence[MeasuredContact] = ()) -> str:

@@ -40,10 +40,10 @@ def inspect_command(
     ),
     all: bool = flag_option("--all", "Show all groups and traps, and a row for every measured contact."),
     fix: Path | None = option(
-        "FILE", "Write the scene to a new file, with the contacts that its author meant.", parse_path
+        "FILE", "Write a new file with other contacts: add --keep or --newton-metre.", parse_path
     ),
     keep: bool = flag_option(
-        "--keep", "With --fix: contacts behave as now, with any mass and any step that is short enough."
+        "--keep", "With --fix: two bodies alone collide as they do now, also at a shorter step."
     ),
     newton_metre: bool = flag_option(
         "--newton-metre", "With --fix: negative numbers of solref are meant in N/m and N s/m."
@@ -54,7 +54,7 @@ def inspect_command(
 
     Contacts with the same parameters form a group. Two bodies of each group are dropped and loaded, without the rest of
     the scene. You get their restitution, stiffness, time steps per contact and depth at rest, and the parameters to
-    write for another contact.
+    write for another contact. All of these hold for two bodies alone, not for a body in two contacts at once.
 
     A trap is a parameter that the engine replaces, ignores or reads in another way. The exit code is 3 if
     the scene has traps.

@@ -286,7 +286,7 @@ def scene_blocks(
     traps = _describe_traps(examination, scene, everything)
     if not groups:
         return [head, "no two geoms can touch", *traps]
-    header = ("group", "contacts", "number", "from", "condim", "solref", "solimp")
+    header = ("group", "first contact", "contacts", "from", "condim", "solref", "solimp")
     rows = [_parameter_row(n, group) for n, group in enumerate(shown, 1)]
     caption = (
         f"Measured with two bodies alone: drops at {speed:g} m/s that touch at several instants within a step, and the "
@@ -299,8 +299,11 @@ def scene_blocks(
         remarks.insert(0, f"{len(groups) - len(shown)} more groups are not shown; --all shows them")
     advice = _advice_rows(shown)
     to_write = sorted([*_reading_rows(shown, everything), *advice], key=lambda row: _first_number(row[0]))
-    has_readings, has_advice = len(to_write) > len(advice), bool(advice)
+    has_readings = len(to_write) > len(advice)
+    places = _places_of_advice(shown)
     notes = [_describe_pairs(shown), _ONE_POINT] if has_readings else []
+    if examination.shared_impedance:
+        notes.append(_describe_two_contacts(examination.shared_impedance))
     if not everything:
         remarks = _keep_first(remarks, _MOST_REMARKS, "remarks")
         # 11 lines are not rows of tables. They are the first line, three lines for each of three tables (an empty line,
@@ -316,7 +319,7 @@ def scene_blocks(
         head,
         Table(header, rows, "Parameters as the engine combines them", text=4),
         Table(measured_header, measured_rows, caption, text=2),
-        Table(_TO_WRITE, to_write, _caption_of_what_to_write(has_readings, has_advice), text=2),
+        Table(_TO_WRITE, to_write, _caption_of_what_to_write(has_readings, places), text=2),
         *remarks,
         *notes,
         *traps,
@@ -327,19 +330,45 @@ def scene_blocks(
 _TO_WRITE = ("group", "contact", "e", "duration, s", "solref", "condim", "friction", "step, s", "e of drops")
 
 
-def _caption_of_what_to_write(has_readings: bool, has_advice: bool) -> str:
+def _caption_of_what_to_write(has_readings: bool, places: str) -> str:
     """Return the caption of the table that says what to write.
 
-    The caption says whether the rows of the table propose a <pair>, a solref, or both.
+    The caption says whether the rows of the table propose a <pair>, a solref, or both. `places` says where to write a
+    solref; it is empty if no row proposes one.
     """
     pair = f'<pair geom1="A" geom2="B" solimp="{_FORCE_LEVEL}" .../>'
-    if has_readings and has_advice:
-        return (
-            "What to write for the contact that you may have meant. Rows with a condim: a "
-            f"{pair}. Rows without a condim: a new solref in place of the old one"
-        )
-    what = pair if has_readings else "a new solref in place of the old one"
-    return f"What to write for the contact that you may have meant: {what}"
+    what = "What to write for another contact, which has the e of its row if two bodies collide alone"
+    if has_readings and places:
+        return f"{what}. Rows with a condim: a {pair}. Rows without a condim: this solref {places}"
+    return f"{what}: {pair if has_readings else f'this solref {places}'}"
+
+
+#: Places in a scene where a solref is written, by the rule by which MuJoCo finds the parameters of a contact.
+_PLACES_OF_SOLREF = {
+    "pair": "in the <pair>",
+    "override": "as o_solref in <option>",
+    "priority": "in the geom of priority",
+    "same": "in both geoms",
+    "mixed": "in both geoms",
+}
+
+
+def _places_of_advice(groups: list[ExaminedGroup]) -> str:
+    """Return where to write the proposed solrefs, such as ``in both geoms``; empty if no solref is proposed.
+
+    If the places of groups differ, each place has the numbers of its groups.
+    """
+    groups_of_places: dict[str, list[int]] = {}
+    for n, group in enumerate(groups, 1):
+        if any(contact.advice for contact in group.examined):
+            place = _PLACES_OF_SOLREF[group.group.contacts[0].bodies.rule]
+            groups_of_places.setdefault(place, []).append(n)
+    if len(groups_of_places) == 1:
+        return next(iter(groups_of_places))
+    return ", ".join(
+        f"{place} ({'group' if len(numbers) == 1 else 'groups'} {_format_groups(numbers)})"
+        for place, numbers in groups_of_places.items()
+    )
 
 
 #: The solimp of every <pair> that is proposed.
@@ -418,7 +447,11 @@ def fixed_scene_blocks(fixed: FixedScene, scene: str, target: str, version: str)
 
     They say what was changed in the scene, and how its contacts behave.
     """
-    reading = "behave as before" if fixed.kind == "keep" else "have their numbers in N/m and N s/m"
+    reading = (
+        "behave as before if two bodies collide alone"
+        if fixed.kind == "keep"
+        else "have their numbers in N/m and N s/m"
+    )
     changes = [f"{fixed.pairs} <pair>s", f"the step, from {fixed.step_before:g} to {fixed.step:g} s"]
     changes += ["the solver's tolerance, which is now 0"] if fixed.zero_tolerance else []
     changes += [f"names of {fixed.named_geoms} geoms"] if fixed.named_geoms else []
@@ -441,12 +474,19 @@ def fixed_scene_blocks(fixed: FixedScene, scene: str, target: str, version: str)
     end = (
         f"{missed} of {len(fixed.written)} measured contacts do not behave as meant"
         if missed
-        else "all measured contacts behave as meant"
+        else "all measured contacts behave as meant, measured with two bodies alone"
     )
+    notes = [_ONE_POINT]
+    if fixed.shared_impedance_before:
+        notes.append(
+            f"Bodies that are hit in two contacts at once behave otherwise than in {scene}. There MuJoCo's force in "
+            f"each contact was wrong by up to d = {fixed.shared_impedance_before:g} times the force in the other. The "
+            "new <pair>s have d = 1e-4."
+        )
     return [
         f"{target} is {scene} with contacts that {reading}. Changed: {', '.join(changes)}",
         Table(header, rows, caption, text=4),
-        _ONE_POINT,
+        *notes,
         f"Other contacts, which keep their parameters at the new step: {fixed.unchanged}",
         end,
     ]
@@ -633,6 +673,16 @@ def _advice_rows(groups: list[ExaminedGroup]) -> list[tuple[str, ...]]:
                 )
             )
     return rows
+
+
+def _describe_two_contacts(impedance: float) -> str:
+    """Return a warning about bodies in two contacts at once; `impedance` is the greatest one of their contacts."""
+    return (
+        "If a body is hit in two contacts at once, MuJoCo's force in each contact is wrong by up to d times the force "
+        f"in the other contact; d, the impedance in solimp, is up to {impedance:g} here. To avoid this write <pair>s "
+        f'with solimp="{_FORCE_LEVEL}" (d = 1e-4). impact-xval contact --engine mujoco --masses A B C prints such '
+        "<pair>s and tests all three bodies."
+    )
 
 
 def _describe_pairs(groups: list[ExaminedGroup]) -> str:

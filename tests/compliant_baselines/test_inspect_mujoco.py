@@ -19,6 +19,8 @@ from impact_xval.compliant_baselines.inspect_mujoco import (
     measure_model,
     read_contacts,
 )
+from impact_xval.compliant_baselines.inspect_mujoco.readings import round_solref
+from impact_xval.compliant_baselines.inspect_mujoco.traps import looks_like_restitution
 from impact_xval.compliant_baselines.mapping import KelvinVoigtContact
 from impact_xval.compliant_baselines.paste import mjcf_of_scenes
 from impact_xval.compliant_baselines.restitution import contact_time
@@ -419,3 +421,52 @@ def test_losses_of_a_hinge_are_those_along_the_normal():
     # the lever of 2 m divides the damping by its square and the friction by itself
     assert hinge[:2] == pytest.approx((0.6 / 2**2, 0.8 / 2))
     assert floor[:2] == (0, 0)
+
+
+#: A ball of 0.2 kg above a ball of 0.6 kg on slides above a floor, with the same frictionless contact twice.
+TWO_CONTACTS = """<mujoco><option timestep="2e-5" gravity="0 0 0" tolerance="0"/><worldbody>
+<geom name="floor" type="plane" size="1 1 .1"/>
+<body pos="0 0 {lower}"><joint type="slide" axis="0 0 1"/><geom name="lower" size=".05" mass=".6"/></body>
+<body pos="0 0 {upper}"><joint type="slide" axis="0 0 1"/><geom name="upper" size=".05" mass=".2"/></body></worldbody>
+<contact><pair geom1="floor" geom2="lower" condim="1" {contact}/>
+<pair geom1="lower" geom2="upper" condim="1" {contact}/></contact></mujoco>"""
+
+
+def leave_two_contacts(contact, lower, upper, velocities):
+    """Return the velocities of the lower and the upper ball in m/s after a collision."""
+    model = mujoco.MjModel.from_xml_string(TWO_CONTACTS.format(contact=contact, lower=lower, upper=upper))
+    data = mujoco.MjData(model)
+    data.qvel[:] = velocities
+    while data.time < 0.3:
+        mujoco.mj_step(model, data)
+    return data.qvel.copy()
+
+
+@pytest.mark.parametrize("solref", ["-20000 -40", "0.352 0.0343"])
+def test_a_large_impedance_changes_two_contacts_hit_at_once_but_no_contact_hit_alone(solref):
+    large, small = (f'solref="{solref}" solimp="{d} {d} .001 .5 1"' for d in ("0.95", "1e-4"))
+    alone = [
+        (
+            leave_two_contacts(contact, 0.05, 9, (-1, 0))[0],
+            np.diff(leave_two_contacts(contact, 9, 9.1, (0, -1)))[0],
+        )
+        for contact in (large, small)
+    ]
+    assert alone[0] == pytest.approx(alone[1], abs=0.01)
+    both = [leave_two_contacts(contact, 0.05, 0.15, (0, -1)) for contact in (large, small)]
+    difference = both[0] - both[1]
+    divergence = math.sqrt((0.6 * difference[0] ** 2 + 0.2 * difference[1] ** 2) / 0.2)
+    assert divergence > 0.3
+
+
+def test_a_damping_ratio_of_at_most_two_digits_looks_like_a_restitution():
+    assert all(looks_like_restitution(number) for number in (0.5, 0.85, 0.05, 0.95))
+    assert not any(looks_like_restitution(number) for number in (0.255, 0.9999, 1.0, 1.5, 0.0343))
+
+
+@pytest.mark.parametrize(
+    ("ratio", "advised"),
+    [(0.25499, 0.255), (0.2502, 0.251), (0.2498, 0.249), (0.10004, 0.101), (0.0996, 0.0996), (1.2346, 1.235)],
+)
+def test_an_advised_damping_ratio_does_not_look_like_a_restitution(ratio, advised):
+    assert round_solref((0.053619, ratio)) == (0.0536, advised)

@@ -100,7 +100,9 @@ def test_a_written_scene_does_what_was_meant(reading, tmp_path, command):
     out = command(["inspect", scene, "--fix", folder / "fixed.xml", f"--{reading}"])
     assert "Changed: 3 <pair>s, the step, from 0.001 to " in out
     assert "names of 1 geoms" in out
-    assert out.endswith("all measured contacts behave as meant\n")
+    assert out.endswith("all measured contacts behave as meant, measured with two bodies alone\n")
+    # the two balls and the floor can all touch at once
+    assert "Bodies that are hit in two contacts at once behave otherwise than in" in out
     model = mujoco.MjModel.from_xml_path(str(folder / "fixed.xml"))
     assert (model.npair, model.ngeom, model.pair("own").dim[0]) == (3, 3, 1)
     # the ball without a name, dropped in a plain simulation
@@ -211,3 +213,54 @@ def test_a_folder_is_no_scene(tmp_path, refused):
     refused(
         ["inspect", tmp_path / "scene.xml"], "scene.xml: a folder; legal: a file that ends in .xml or .mjb"
     )
+
+
+#: A ball of 0.2 kg above a ball of 0.6 kg above a floor, for two attributes of all geoms.
+TWO_BALLS = """<mujoco><option timestep="{step}"/><default><geom {contact}/></default><worldbody>
+<geom name="floor" type="plane" size="1 1 .1"/>
+<body pos="0 0 .05"><joint type="slide" axis="0 0 1"/><geom name="lower" size=".05" mass=".6"/></body>
+<body pos="0 0 .3"><joint type="slide" axis="0 0 1"/><geom name="upper" size=".05" mass=".2"/></body>
+</worldbody></mujoco>"""
+
+
+def test_bodies_in_two_contacts_at_once_are_a_line_unless_the_impedance_is_small(tmp_path, command):
+    scene, fixed = tmp_path / "scene.xml", tmp_path / "fixed.xml"
+    says = (
+        "If a body is hit in two contacts at once, MuJoCo's force in each contact is wrong by up to d times"
+    )
+    scene.write_text(TWO_BALLS.format(step=1e-4, contact='solref="-20000 -40"'))
+    (line,) = (line for line in command(["inspect", scene], ends=3).splitlines() if says in line)
+    assert "is up to 0.95 here" in line
+    out = command(["inspect", scene, "--fix", fixed, "--keep"])
+    assert "contacts that behave as before if two bodies collide alone" in out
+    assert f"Bodies that are hit in two contacts at once behave otherwise than in {scene}." in out
+    assert says not in command(["inspect", fixed])
+    # the fixed floor is in two contacts, but each ball is in one
+    apart = scene.read_text().replace('name="upper"', 'name="upper" contype="2" conaffinity="2"')
+    scene.write_text(apart.replace('type="plane"', 'type="plane" contype="3"'))
+    assert says not in command(["inspect", scene], ends=3)
+
+
+def test_a_scene_that_follows_the_advice_has_no_trap(tmp_path, command):
+    scene = tmp_path / "scene.xml"
+    scene.write_text(TWO_BALLS.format(step=2e-3, contact='condim="3"'))
+    out = command(["inspect", scene], ends=3)
+    assert "if two bodies collide alone: this solref in both geoms\n" in out
+    row = re.search(r"damping ratio 0.255, not 1 +0.5 +\S+ +(\S+ 0.255) +(\S+) ", out)
+    scene.write_text(TWO_BALLS.format(step=row[2], contact=f'solref="{row[1]}"'))
+    out = command(["inspect", scene])
+    assert out.endswith(f"{scene}: no traps found\n")
+    assert ", not 0.255 " in out
+    assert not re.search(r"damping ratio 0.255, not", out)  # advice on what the contact has already
+
+
+def test_each_place_of_advice_is_named_with_its_groups(tmp_path, command):
+    scene = tmp_path / "scene.xml"
+    scene.write_text(
+        '<mujoco><worldbody><geom name="floor" type="plane" size="9 9 1"/>'
+        '<body pos="0 0 1"><freejoint/><geom name="a" size=".1" mass="1"/></body>'
+        '<body pos="1 0 1"><freejoint/><geom name="b" size=".1" mass="1" priority="1"/></body></worldbody>'
+        '<contact><pair geom1="floor" geom2="a"/></contact></mujoco>'
+    )
+    out = command(["inspect", scene], ends=3)
+    assert "this solref in the <pair> (group 1), in the geom of priority (group 2)\n" in out

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pandas as pd
-import pyarrow.parquet as pq
 import pytest
 from scipy.stats import qmc
 
@@ -12,6 +11,7 @@ from impact_xval.experiments.config.arrangements import ChainSetup
 from impact_xval.experiments.config.axes import AXES, Sample
 from impact_xval.experiments.config.cells import collision_of, draw, experiment_cells, read_cells
 from impact_xval.experiments.config.collision_options import parse_collision
+from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import REFERENCE, Config, load_config, parse_config
 from impact_xval.model import Collision
 from tests.experiments.conftest import resumed
@@ -160,14 +160,16 @@ def test_a_list_is_read_to_the_last_bit_and_in_its_order(tmp_path, name):
     assert (len(cells), cells[0].k2, cells[0].stiffness_ratio, cells[1].k2) == (3, 2 / 3, 1 / 3, math.inf)
 
 
-def test_another_list_in_the_same_folder_is_computed_anew_and_said_so(tmp_path):
+def test_another_list_in_the_same_folder_is_refused_and_the_tables_stay(tmp_path):
+    """The name of the file has not changed, so the configuration is the same; the values of the cells are not."""
     (tmp_path / "c.toml").write_text("cells = 'cells.csv'\nsolvers = ['mujoco']\nchunk_size = 1\n")
-    for ratio in (2.0, 3.0):
-        _write(tmp_path / "cells.csv", [[1.0, 1.0, 0.9, 0.7], [ratio, 1.0, 0.9, 0.7]])
-        said = resumed(tmp_path / "a", load_config(tmp_path / "c.toml"))
-    assert any("resumed: 0 of 2 parts" in line for line in said)
-    rows = pq.read_table(tmp_path / "a/cells.parquet").to_pylist()
-    assert [row["stiffness_ratio"] for row in rows] == [1.0, 1.0, 3.0, 3.0]
+    _write(tmp_path / "cells.csv", [[1.0, 1.0, 0.9, 0.7], [2.0, 1.0, 0.9, 0.7]])
+    resumed(tmp_path / "a", load_config(tmp_path / "c.toml"))
+    before = (tmp_path / "a/cells.parquet").read_bytes()
+    _write(tmp_path / "cells.csv", [[1.0, 1.0, 0.9, 0.7], [3.0, 1.0, 0.9, 0.7]])
+    with pytest.raises(UserError, match=r"holds a run of other cells than those of .*cells\.csv; legal: "):
+        resumed(tmp_path / "a", load_config(tmp_path / "c.toml"))
+    assert (tmp_path / "a/cells.parquet").read_bytes() == before
 
 
 def test_the_reference_leads_whatever_is_listed():
