@@ -81,6 +81,7 @@ def run_command(
     def present(folder: RunFolder, apart: Apart) -> Summary:
         from impact_xval.experiments.presentation.report import present_run
 
+        progress(0, 0, "drawing figures and the page")
         return present_run(folder, apart)
 
     def import_ahead() -> None:
