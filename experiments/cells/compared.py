@@ -36,6 +36,7 @@ from impact_xval.experiments.presentation.terminal import print_blocks, say_wait
 from impact_xval.experiments.presentation.words import (
     NO_RESULT,
     WHAT_NO_RESULT_IS,
+    WITHOUT_GRAVITY,
     capitalise_first,
     describe_chain,
     describe_shared_laws,
@@ -74,12 +75,15 @@ class SolverComparison:
         Setup of a chain, if it is known. It is described above the table.
     versions : mapping of str to str
         Versions of solvers by name; solvers that did not state their version are not in it.
+    scenario : str
+        Scenario of the collision in words: without gravity, or with which gravity.
     """
 
     problem: Collision
     outcomes: Mapping[str, Outcome]
     chain: ChainSetup | None = None
     versions: Mapping[str, str] = field(default_factory=dict)
+    scenario: str = WITHOUT_GRAVITY
 
     @property
     def is_chain(self) -> bool:
@@ -196,7 +200,7 @@ class SolverComparison:
     def blocks(self) -> list[Block]:
         """Return the table of all solvers, and the sentences about it."""
         table = self._chain_table() if self.is_chain else self._collision_table()
-        setup = capitalise_first(f"{self.setup}.") if self.setup else ""
+        setup = " ".join(f"{capitalise_first(text)}." for text in (self.setup, self.scenario) if text)
         note = _CHAIN_NOTE if self.is_chain and table.rows else ""
         withheld = WHAT_NO_RESULT_IS if any(map(self._no_result_mark, self._known_velocities)) else ""
         reasons = [

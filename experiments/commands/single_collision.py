@@ -113,8 +113,9 @@ def solve_command(
             collision, config, known_solvers(solver), get_solver, say_waiting, points=points
         )
     from impact_xval.experiments.cells.compared import SolverComparison
+    from impact_xval.experiments.presentation.words import describe_scenario
 
-    compared = SolverComparison(collision, outcomes, chain, apart.versions)
+    compared = SolverComparison(collision, outcomes, chain, apart.versions, describe_scenario(config))
     if json:
         print_json(compared.objects())
     else:

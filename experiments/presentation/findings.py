@@ -33,6 +33,7 @@ from impact_xval.experiments.presentation.words import (
     MEANINGS,
     capitalise_first,
     describe_cell,
+    describe_scenario,
     describe_shared_laws,
     display_name,
     format_axis_value,
@@ -544,7 +545,8 @@ def overall_table(summary: Summary) -> Table:
         rows.append((stated_law(name) or "-", name, *known, int(apart)))
     header = ["law", "solver", row_noun(summary), "median D", "95 %", "max", *last, "not compared"]
     caption = (
-        f"Divergence D from the model, by contact law. {describe_shared_laws(compared_solvers(summary))}"
+        f"Divergence D from the model, by contact law, {describe_scenario(summary.config)}. "
+        f"{describe_shared_laws(compared_solvers(summary))}"
     )
     return Table(header, rows, caption.strip(), text=2)
 

@@ -17,6 +17,7 @@ from rich.console import Console
 from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.config.graphs import GRAPH_AXES
 from impact_xval.experiments.measures.ladder import CONTRIBUTIONS, cancelling_pair, format_share_range
 from impact_xval.experiments.measures.summary import Summary
@@ -27,6 +28,7 @@ from impact_xval.experiments.presentation.words import (
     NO_RESULT,
     WHAT_NO_RESULT_IS,
     describe_cell,
+    describe_scenario,
     describe_si_values,
     name_solver_in,
 )
@@ -98,8 +100,11 @@ def rows_of_cell(folder: RunFolder, cell: int) -> list[Record]:
     return [{str(name): value for name, value in row.items()} for row in plain.to_dict("records")]
 
 
-def show_cell(console: Console, cell: int, rows: list[Record]) -> None:
-    """Print a cell: the outcome of each solver, and the causes of each engine's divergence D from the model."""
+def show_cell(console: Console, cell: int, rows: list[Record], config: Config) -> None:
+    """Print a cell: the outcome of each solver, and the causes of each engine's divergence D from the model.
+
+    `config` is the experiment of the run.
+    """
     axes = GRAPH_AXES if "graph" in rows[0] else CHAIN_AXES if "arrangement" in rows[0] else AXES
     balls = _shown_components(rows)
     speed = abs(rows[0]["v0"])
@@ -117,6 +122,7 @@ def show_cell(console: Console, cell: int, rows: list[Record]) -> None:
     setup = describe_cell(rows[0], axes)
     if axes is AXES:
         setup += f"; {describe_si_values(rows[0])}"
+    setup += f"; {describe_scenario(config)}"
     if axes is GRAPH_AXES:
         setup += f". v1x is the velocity of body 1 along x, v1z upwards. |v0| = {number(speed)} m/s"
     blocks: list[Block] = [f"cell {cell}: {setup}", Table(header, outcomes, text=2)]

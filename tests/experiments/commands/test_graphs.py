@@ -59,7 +59,10 @@ def test_solvers_that_are_named_are_asked_instead(command):
 
 def test_the_table_has_velocities_of_all_bodies(command):
     lines = command([*BERNOULLI, "--solver", "kelvin-voigt"]).splitlines()
-    assert lines[0] == "Bernoulli, angle 30, stiffness ratio 4, restitution 0.5."
+    assert (
+        lines[0]
+        == "Bernoulli, angle 30, stiffness ratio 4, restitution 0.5. Without gravity (scenario impact)."
+    )
     words = {line.partition(" ")[0]: line.split() for line in lines}
     assert " ".join(words["solver"]) == "solver status v1 (x, z) v2 (x, z) v3 (x, z) D E/E0"
     model = words["state-transition"]

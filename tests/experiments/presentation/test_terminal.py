@@ -76,6 +76,17 @@ def test_a_cell_of_a_grid_in_si_units_is_named_and_opened_again_in_them(tmp_path
     assert collision.stiffnesses == pytest.approx((1e5, 7e5), rel=1e-15)
 
 
+def test_the_scenario_is_said(fake_run, tmp_path, command):
+    drop = swept(tmp_path / "run", fakes.shifted, scenario="drop", solvers=["mujoco"])
+    words = "solve --stiffness-ratio 2 --mass-ratio 1.5 --e1 0.9 --e2 0.7 --solver state-transition"
+    without, gravity = "without gravity (scenario impact)", "with gravity 9.81 m/s^2 (scenario drop)"
+    for start, option, end in (("show", fake_run.root, drop.root), (words, "", "--scenario drop")):
+        for more in ("", "--cell 1") if start == "show" else ("",):
+            impact, fall = (command(f"{start} {scenario} {more}") for scenario in (option, end))
+            assert without in impact.lower()
+            assert gravity in fall.lower()
+
+
 def test_a_command_for_two_balls_refuses_a_run_of_chains(chain_run, refused):
     refused(["scene", chain_run, "0"], "chains of N balls; legal: ")
 
