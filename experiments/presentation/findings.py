@@ -558,7 +558,8 @@ def summary_blocks(summary: Summary) -> list[Block]:
         blocks.append("Nothing could be compared.")
     places: dict[str, list[str]] = {}
     for name in compared_solvers(summary):
-        places.setdefault(describe_row(summary, row_of_largest_d(summary, name)), []).append(name)
+        row = row_of_largest_d(summary, name)
+        places.setdefault(f"{describe_row(summary, row)} (cell {row.cell})", []).append(name)
     blocks += [
         f"{capitalise_first(join_words(map(display_name, names)))} {'has its' if len(names) == 1 else 'have their'} "
         f"largest D at {place}."

@@ -2,6 +2,7 @@
 
 import io
 import math
+import re
 import shlex
 
 import pyarrow.parquet as pq
@@ -85,6 +86,14 @@ def test_the_scenario_is_said(fake_run, tmp_path, command):
             impact, fall = (command(f"{start} {scenario} {more}") for scenario in (option, end))
             assert without in impact.lower()
             assert gravity in fall.lower()
+
+
+def test_the_cell_with_the_largest_d_is_named_by_its_number(fake_run, command):
+    shown = " ".join(command(["show", fake_run.root]).split())
+    (number,) = re.findall(r"MuJoCo has its largest D at k2/k1 = [^()]* \(cell (\d+)\)\.", shown)
+    cells = pq.read_table(fake_run.table_path("divergence.parquet")).to_pandas()
+    rows = cells[cells.solver == "mujoco"].set_index("cell")
+    assert rows.velocity_divergence[int(number)] == rows.velocity_divergence.max()
 
 
 def test_a_command_for_two_balls_refuses_a_run_of_chains(chain_run, refused):
