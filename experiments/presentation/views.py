@@ -22,7 +22,7 @@ from impact_xval.experiments.config.graphs import GRAPH_AXES
 from impact_xval.experiments.measures.ladder import CONTRIBUTIONS, cancelling_pair, format_share_range
 from impact_xval.experiments.measures.summary import Summary
 from impact_xval.experiments.presentation.document import Block, Table
-from impact_xval.experiments.presentation.findings import region_table, summary_blocks
+from impact_xval.experiments.presentation.findings import ROUNDING, region_table, summary_blocks
 from impact_xval.experiments.presentation.terminal import print_blocks, print_line
 from impact_xval.experiments.presentation.words import (
     NO_RESULT,
@@ -172,12 +172,16 @@ def _contribution_rows(row: Record, balls: Sequence[str]) -> list[tuple[str, ...
         name = f"{c.name}_share"
         by_order = format_share_range(row[f"{name}_low"], row[f"{name}_high"]) if c.is_cause else ""
         shown = ("cancelled", "") if i in pair else (percent(row[name]), by_order)
-        changes = (f"{row[f'{c.name}_dv{j}']:.3e}" for j in balls)
-        lines.append((c.label, *changes, f"{row[f'{c.name}_norm']:.3e}", *shown))
-    total = (f"{row[f'ladder_dv{j}']:.3e}" for j in balls)
-    return (
-        [*lines, ("sum", *total, f"{row['ladder_velocity_divergence']:.3e}", "100.0 %", "")] if lines else []
-    )
+        changes = (_format_change(row[f"{c.name}_dv{j}"]) for j in balls)
+        lines.append((c.label, *changes, _format_change(row[f"{c.name}_norm"]), *shown))
+    total = (_format_change(row[f"ladder_dv{j}"]) for j in balls)
+    size = _format_change(row["ladder_velocity_divergence"])
+    return [*lines, ("sum", *total, size, "100.0 %", "")] if lines else []
+
+
+def _format_change(value: float) -> str:
+    """Return a change of a velocity per |v0|, or its size, as text; 0 if rounding alone can make it."""
+    return "0" if abs(value) <= ROUNDING else f"{value:.3e}"
 
 
 def show_changes(console: Console, a: str, b: str, comparison: RunComparison) -> None:
