@@ -39,6 +39,7 @@ from impact_xval.experiments.presentation.words import (
     WITHOUT_GRAVITY,
     capitalise_first,
     describe_chain,
+    describe_direction,
     describe_shared_laws,
 )
 from impact_xval.experiments.sweep.one import open_solvers_apart
@@ -55,9 +56,10 @@ if TYPE_CHECKING:
 _WIDTH, _DPI = 150, 100
 #: Note below the table of a chain, which explains the rows of the table.
 _CHAIN_NOTE = (
-    "v1, v2, ...: velocities per |v0|, up is positive. D: kinetic norm of the difference from the model. limit: "
+    "v1, v2, ...: velocities per |v0|, {direction}. D: kinetic norm of the difference from the model. limit: "
     "largest difference of a velocity between an engine's limit dt -> 0 and the exact solver of its law; error: the "
-    "engine's own estimate of it. E/E0, p/p0: energy and momentum over those before."
+    "engine's own estimate of it. E/E0, p/p0: energy and momentum over those before. states: number of sets of "
+    "active contacts that follow each other in time."
 )
 
 
@@ -201,7 +203,9 @@ class SolverComparison:
         """Return the table of all solvers, and the sentences about it."""
         table = self._chain_table() if self.is_chain else self._collision_table()
         setup = " ".join(f"{capitalise_first(text)}." for text in (self.setup, self.scenario) if text)
-        note = _CHAIN_NOTE if self.is_chain and table.rows else ""
+        note = ""
+        if self.is_chain and table.rows:
+            note = _CHAIN_NOTE.format(direction=describe_direction(table=self.problem.table))
         withheld = WHAT_NO_RESULT_IS if any(map(self._no_result_mark, self._known_velocities)) else ""
         reasons = [
             f"{n}: {outcome.status}: {outcome.reason}"
@@ -223,7 +227,7 @@ class SolverComparison:
                     note,
                     withheld,
                     self._pairwise_table(),
-                    describe_shared_laws(self.outcomes),
+                    describe_shared_laws(name for name in self.outcomes if name in self.scaled_velocities),
                     *reasons,
                     *marks,
                     *differences,

@@ -146,6 +146,11 @@ def describe_scenario(config: Config) -> str:
     return WITHOUT_GRAVITY
 
 
+def describe_direction(*, table: bool) -> str:
+    """Say in which direction the velocities of N balls are positive, with or without a table below them."""
+    return "up is positive" if table else "the direction from the last ball to ball 1 is positive"
+
+
 def describe_chain(chain: ChainSetup) -> str:
     """Return a description of a chain: its arrangement, number of balls, restitution, force law, tapers and gaps."""
     words = f"a {chain.arrangement} of {chain.balls} balls"
