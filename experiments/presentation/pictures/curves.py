@@ -50,7 +50,8 @@ def draw_cell_curves(curves: Frame, config: Config) -> Iterator[Drawn]:
         f"Impulse curves of one collision ({describe_cell(cell.model_dump())}): "
         "impulse I2 between ball and table over impulse I1 between the balls, both per m1 |v0|. Compression ends at "
         "the grey lines: l1 for the balls (equal velocities, v1 = v2), and l2 for the lower ball and the table (lower "
-        "ball at rest, I1 = I2). Markers show where each curve ends. The right panel enlarges these ends."
+        "ball at rest, I1 = I2). Markers show where each curve ends. The right panel enlarges these ends. The key "
+        "figure_cell of the experiment chooses the collision, which need not be a cell of the run."
     )
     yield "impulse-curves", _draw_whole_and_ends(points, cell.mass_ratio), caption
 
