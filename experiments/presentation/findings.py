@@ -252,7 +252,7 @@ def describe_causes(summary: Summary, solver: str, most: int = 2, *, explain: bo
         for name, share in list(causes_by_share.items())[:most]
     ]
     return fill_sentence(
-        "The mean D of {solver} is {total}, over {n} {unit} whose causes are all known. {largest}: {causes}."
+        "Over the {n} {unit} in which all causes are known, the mean D of {solver} is {total}. {largest}: {causes}."
         "{by_region}",
         solver=display_name(solver),
         total=total,
@@ -455,13 +455,18 @@ def _describe_shorter_steps(summary: Summary) -> list[str]:
 
 def describe_counted_cells(summary: Summary) -> str:
     """Say which cells the statistics count, and how many cells they leave out because these are marked."""
-    beyond = "".join(f", {n} more for {display_name(name)}" for name, n in summary.marked_beyond.items())
     noun = row_noun(summary)
+    beyond = join_words(
+        f"in {n} more {count_noun(n, noun)} for {display_name(name)}"
+        for name, n in summary.marked_beyond.items()
+    )
     said = (
         f"Statistics of a solver are over the {noun} that both it and the model solved. So those of two solvers "
         f"can be over different {noun}. They leave out marked {noun}, in which a tiny change of a parameter flips the "
-        f"outcome: {summary.n_marked} of {summary.n_cells} for the model{beyond}."
+        f"outcome. The outcome of the model is marked in {summary.n_marked} of {summary.n_cells} {noun}."
     )
+    if beyond:
+        said += f" Only the outcome of the solver is marked {beyond}."
     if len(summary.ladder.statistics):
         said += (
             f" Causes of D are given only for {noun} in which no exact solution on the way from the model to the "

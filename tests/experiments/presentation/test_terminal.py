@@ -61,6 +61,8 @@ def test_a_chain_is_shown_with_its_ladder_or_why_it_has_none(chain_run, command)
     assert "cell 0: balls = 2, arrangement = cradle" in shown
     assert ladder.sentence[0].replace("mujoco", "MuJoCo") in shown
     assert "mujoco: unrepresentable: exponent = 1.5" in command(["show", chain_run, "--cell", "2"])
+    shown = " ".join(command(["show", chain_run]).split())
+    assert "Over the 12 chains in which all causes are known, the mean D of MuJoCo is " in shown
 
 
 def test_a_cell_of_a_grid_in_si_units_is_named_and_opened_again_in_them(tmp_path, command):
