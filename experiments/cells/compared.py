@@ -36,8 +36,10 @@ from impact_xval.experiments.presentation.terminal import print_blocks, say_wait
 from impact_xval.experiments.presentation.words import (
     NO_RESULT,
     WHAT_NO_RESULT_IS,
+    WITHOUT_GRAVITY,
     capitalise_first,
     describe_chain,
+    describe_direction,
     describe_shared_laws,
 )
 from impact_xval.experiments.sweep.one import open_solvers_apart
@@ -54,9 +56,10 @@ if TYPE_CHECKING:
 _WIDTH, _DPI = 150, 100
 #: Note below the table of a chain, which explains the rows of the table.
 _CHAIN_NOTE = (
-    "v1, v2, ...: velocities per |v0|, up is positive. D: kinetic norm of the difference from the model. limit: "
+    "v1, v2, ...: velocities per |v0|, {direction}. D: kinetic norm of the difference from the model. limit: "
     "largest difference of a velocity between an engine's limit dt -> 0 and the exact solver of its law; error: the "
-    "engine's own estimate of it. E/E0, p/p0: energy and momentum over those before."
+    "engine's own estimate of it. E/E0, p/p0: energy and momentum over those before. states: number of sets of "
+    "active contacts that follow each other in time."
 )
 
 
@@ -74,12 +77,15 @@ class SolverComparison:
         Setup of a chain, if it is known. It is described above the table.
     versions : mapping of str to str
         Versions of solvers by name; solvers that did not state their version are not in it.
+    scenario : str
+        Scenario of the collision in words: without gravity, or with which gravity.
     """
 
     problem: Collision
     outcomes: Mapping[str, Outcome]
     chain: ChainSetup | None = None
     versions: Mapping[str, str] = field(default_factory=dict)
+    scenario: str = WITHOUT_GRAVITY
 
     @property
     def is_chain(self) -> bool:
@@ -196,8 +202,10 @@ class SolverComparison:
     def blocks(self) -> list[Block]:
         """Return the table of all solvers, and the sentences about it."""
         table = self._chain_table() if self.is_chain else self._collision_table()
-        setup = capitalise_first(f"{self.setup}.") if self.setup else ""
-        note = _CHAIN_NOTE if self.is_chain and table.rows else ""
+        setup = " ".join(f"{capitalise_first(text)}." for text in (self.setup, self.scenario) if text)
+        note = ""
+        if self.is_chain and table.rows:
+            note = _CHAIN_NOTE.format(direction=describe_direction(table=self.problem.table))
         withheld = WHAT_NO_RESULT_IS if any(map(self._no_result_mark, self._known_velocities)) else ""
         reasons = [
             f"{n}: {outcome.status}: {outcome.reason}"
@@ -219,7 +227,7 @@ class SolverComparison:
                     note,
                     withheld,
                     self._pairwise_table(),
-                    describe_shared_laws(self.outcomes),
+                    describe_shared_laws(name for name in self.outcomes if name in self.scaled_velocities),
                     *reasons,
                     *marks,
                     *differences,

@@ -18,7 +18,12 @@ from impact_xval.compliant_baselines.registry import is_engine, is_ours, sort_by
 from impact_xval.compliant_baselines.rigid.laws import LAWS
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.presentation.document import Block, Table
-from impact_xval.experiments.presentation.words import NO_RESULT, WHAT_NO_RESULT_IS, capitalise_first
+from impact_xval.experiments.presentation.words import (
+    NO_RESULT,
+    WHAT_NO_RESULT_IS,
+    WITHOUT_GRAVITY,
+    capitalise_first,
+)
 from impact_xval.experiments.tables.numbers import join_words, number
 from impact_xval.model.arrays import Floats
 from impact_xval.model.graph.collision import GraphCollision
@@ -167,7 +172,7 @@ class GraphComparison:
                 )
         withheld = [WHAT_NO_RESULT_IS] if shows_numbers else []
         return [
-            f"{capitalise_first(self.setup)}.",
+            f"{capitalise_first(self.setup)}. {capitalise_first(WITHOUT_GRAVITY)}.",
             self._table(),
             _NOTE,
             *withheld,

@@ -31,6 +31,7 @@ from impact_xval.experiments.presentation.document import Table
 from impact_xval.experiments.presentation.html import render_blocks, render_page, render_template
 from impact_xval.experiments.presentation.page.charts import bokeh_script, curves_chart, velocities_chart
 from impact_xval.experiments.presentation.page.opened import impulse_curve
+from impact_xval.experiments.presentation.words import describe_scenario
 from impact_xval.experiments.sweep.one import SolversApart, open_solvers_apart
 from impact_xval.experiments.sweep.process import ClosedError
 from impact_xval.model.outcome import Outcome
@@ -67,7 +68,7 @@ class ExplorerCells:
         given = parse_qsl(query, keep_blank_values=True)
         typed = (("cell_timeout", "60"), *((key, value) for key, value in given if key != "solver"))
         try:
-            collision, chain, _ = parse_collision(dict(typed))
+            collision, chain, config = parse_collision(dict(typed))
         except ValueError as error:
             return {"problem": str(error)}
         outcomes = self._solve(typed, EXACT)
@@ -77,7 +78,7 @@ class ExplorerCells:
         versions = {
             name: version for apart in self._processes.values() for name, version in apart.versions.items()
         }
-        compared = SolverComparison(collision, outcomes, chain, versions)
+        compared = SolverComparison(collision, outcomes, chain, versions, describe_scenario(config))
         blocks = compared.blocks()
         if compared.is_chain:  # the table of a chain has only the number of states
             rows = [(name, " ".join(outcome.states)) for name, outcome in outcomes.items() if outcome.states]

@@ -199,8 +199,7 @@ def with_collision_options(
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Return a decorator that gives a command the options of one collision, in place of its ``**`` parameter.
 
-    Options in `without` are skipped. With `graphs` the command also gets the options of contact graphs. Of these
-    options the help shows only --graph, because the other ones depend on the graph (docs/graphs.md).
+    Options in `without` are skipped. With `graphs` the command also gets the options of contact graphs.
     """
 
     def add(command: Callable[..., None]) -> Callable[..., None]:
@@ -212,9 +211,7 @@ def with_collision_options(
             if name not in without
         }
         for name, (metavar, help_text) in GRAPH_PARAMETERS.items() if graphs else ():
-            hidden = name != "graph"
-            given = typer.Option(metavar=metavar, help=help_text, hidden=hidden)
-            shared[name] = Annotated[str | None, given]
+            shared[name] = Annotated[str | None, typer.Option(metavar=metavar, help=help_text)]
         typed = [
             inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation)
             for name, annotation in shared.items()

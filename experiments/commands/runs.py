@@ -81,6 +81,7 @@ def run_command(
     def present(folder: RunFolder, apart: Apart) -> Summary:
         from impact_xval.experiments.presentation.report import present_run
 
+        progress(0, 0, "drawing figures and the page")
         return present_run(folder, apart)
 
     def import_ahead() -> None:
@@ -138,11 +139,12 @@ def show_command(
 
     console = make_console()
     if cell is not None:
-        rows = views.rows_of_cell(finished_run(folder), cell)
+        run = finished_run(folder)
+        rows = views.rows_of_cell(run, cell)
         if json:
             print_json(rows)
         else:
-            views.show_cell(console, cell, rows)
+            views.show_cell(console, cell, rows, run.config())
         return
     status = status_of(folder)
     if json:

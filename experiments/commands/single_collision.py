@@ -113,8 +113,9 @@ def solve_command(
             collision, config, known_solvers(solver), get_solver, say_waiting, points=points
         )
     from impact_xval.experiments.cells.compared import SolverComparison
+    from impact_xval.experiments.presentation.words import describe_scenario
 
-    compared = SolverComparison(collision, outcomes, chain, apart.versions)
+    compared = SolverComparison(collision, outcomes, chain, apart.versions, describe_scenario(config))
     if json:
         print_json(compared.objects())
     else:
@@ -187,6 +188,7 @@ def _draw_into(file: Path, compared: SolverComparison, config: Config) -> str:
     from impact_xval.experiments.presentation.pictures.motion import SlowMotion, write_animation
     from impact_xval.experiments.presentation.style import save_picture
     from impact_xval.experiments.presentation.terminal import report_waiting
+    from impact_xval.experiments.presentation.words import describe_direction
 
     problem, outcomes, film = compared.problem, compared.outcomes, file.suffix in _FILMS
     try:
@@ -199,7 +201,7 @@ def _draw_into(file: Path, compared: SolverComparison, config: Config) -> str:
         return picture.caption()
     save_picture(picture, file)
     if compared.is_chain:
-        return f"final velocities per |v0|, up is positive: {compared.setup}"
+        return f"final velocities per |v0|, {describe_direction(table=problem.table)}: {compared.setup}"
     return collision_caption(problem, drawable_paths(problem, outcomes), config.scenario)
 
 

@@ -28,21 +28,30 @@ GRAPH_PARAMETERS = {
 #: Options that every graph has. They decide how solvers solve the graph.
 SOLVED_BY = ("step_fraction", "cell_timeout")
 
-#: Options of each graph, by the name of the graph. The options e1 and e2 are two restitutions.
-OPTIONS_OF = {
-    "bernoulli": ("angle", "stiffness_ratio", "restitution"),
-    "corner": ("angle", "stiffness_ratio", "e1", "e2", "velocity"),
-    "bridge": ("angle", "table_stiffness_ratio", "mass_ratio", "e1", "e2"),
-    "rack": ("balls", "restitution", "offset"),
-    "box": ("inertia", "stiffness_ratio", "restitution"),
+#: Options of each graph with their defaults, by the name of the graph. The options e1 and e2 are two restitutions.
+#: `model.graph.named` has the same defaults, but importing it takes too long for a help text.
+OPTIONS_OF: Mapping[str, Mapping[str, float | tuple[float, ...]]] = {
+    "bernoulli": {"angle": 30.0, "stiffness_ratio": 1.0, "restitution": 1.0},
+    "corner": {"angle": 90.0, "stiffness_ratio": 1.0, "e1": 1.0, "e2": 1.0, "velocity": (-1.0, -0.3)},
+    "bridge": {"angle": 30.0, "table_stiffness_ratio": 3.0, "mass_ratio": 2.0, "e1": 0.9, "e2": 0.7},
+    "rack": {"balls": 3, "restitution": 0.95, "offset": 0.0},
+    "box": {"inertia": 1 / 3, "stiffness_ratio": 1.0, "restitution": 0.8},
 }
 
-#: Default restitutions of the graphs with two restitutions. `model.graph.named` has the same defaults.
-_RESTITUTIONS = {"corner": (1.0, 1.0), "bridge": (0.9, 0.7)}
+
+def describe_options() -> str:
+    """Return lines that name the options of each graph with their defaults, as they can be typed."""
+    lines = ["Options of each graph, with their defaults:"]
+    for name, defaults in OPTIONS_OF.items():
+        options = (f"{_option(key)} {_format_value(value)}" for key, value in defaults.items())
+        lines.append(f"  {name}: {' '.join(options)}")
+    return "\n".join(lines)
 
 
 def parse_graph(parameters: Mapping[str, str | None]) -> tuple[GraphCollision, str]:
     """Return the contact graph that options describe, and its description in words.
+
+    The description has the values of all options of the graph, also of those that were not typed.
 
     `parameters` has the text of each option by the name of the option, or None if the option was not typed. The options
     in `SOLVED_BY` are ignored here. If an option is illegal, a `UserError` names the option, its value and the legal
@@ -60,17 +69,23 @@ def parse_graph(parameters: Mapping[str, str | None]) -> tuple[GraphCollision, s
             raise UserError(
                 f"{_option(key)} = {text!r:.60} beside --graph {name}; legal: {', '.join(map(_option, legal))}"
             )
-    values = {key: _READERS.get(key, _number)(key, text) for key, text in given.items()}
-    restitutions = _RESTITUTIONS.get(name)
-    if restitutions is not None and ("e1" in values or "e2" in values):
-        values["restitutions"] = values.pop("e1", restitutions[0]), values.pop("e2", restitutions[1])
+    values: dict[str, object] = {**legal}
+    values |= {key: _READERS.get(key, _number)(key, text) for key, text in given.items()}
+    if "e1" in values:
+        values["restitutions"] = values.pop("e1"), values.pop("e2")
     from impact_xval.model.graph import GRAPHS
 
     try:
         collision = GRAPHS[name](**values)
     except ValueError as error:
         raise UserError(_named_option(str(error), given)) from None
-    return collision, ", ".join([name, *(f"{key.replace('_', ' ')} {text}" for key, text in given.items())])
+    texts = {key: given.get(key) or _format_value(default) for key, default in legal.items()}
+    return collision, ", ".join([name, *(f"{key.replace('_', ' ')} {text}" for key, text in texts.items())])
+
+
+def _format_value(value: float | tuple[float, ...]) -> str:
+    """Return the default of an option as it can be typed."""
+    return ",".join(f"{x:g}" for x in value) if isinstance(value, tuple) else f"{value:g}"
 
 
 def _number(key: str, text: str) -> float:

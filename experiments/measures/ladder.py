@@ -40,6 +40,9 @@ from impact_xval.model.status import RESULT_STATUSES
 #: about this number, so that a smaller D is not known.
 NOTHING = 1e-9
 
+#: Largest share that rounding alone can make: 1e-16 of a velocity over the least divergence that is split.
+_ROUNDING_OF_SHARES = 1e-16 / NOTHING
+
 #: Two contributions cancel if the smallest share of all is below the first number and the largest share is above the
 #: second number. The norms of both contributions are then larger than D, and one norm is more than twice as large as D.
 CANCEL = (-1.0, 2.0)
@@ -450,8 +453,9 @@ class SentencePart(NamedTuple):
 
 
 def format_share_range(low: float, high: float) -> str:
-    """Write a range of shares in per cent, such as ``67.9 to 69.4 %``."""
-    return f"{100 * low:.3g} to {100 * high:.3g} %"
+    """Write a range of shares in per cent, such as ``67.9 to 69.4 %``. A share that is only rounding becomes 0."""
+    first, last = (0.0 if abs(share) <= _ROUNDING_OF_SHARES else 100 * share for share in (low, high))
+    return f"{first:.3g} to {last:.3g} %"
 
 
 def sentence(solver: str, divergence: float, parts: Sequence[SentencePart], agreed: bool = True) -> str:

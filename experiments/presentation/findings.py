@@ -33,6 +33,7 @@ from impact_xval.experiments.presentation.words import (
     MEANINGS,
     capitalise_first,
     describe_cell,
+    describe_scenario,
     describe_shared_laws,
     display_name,
     format_axis_value,
@@ -251,7 +252,7 @@ def describe_causes(summary: Summary, solver: str, most: int = 2, *, explain: bo
         for name, share in list(causes_by_share.items())[:most]
     ]
     return fill_sentence(
-        "The mean D of {solver} is {total}, over {n} {unit} whose causes are all known. {largest}: {causes}."
+        "Over the {n} {unit} in which all causes are known, the mean D of {solver} is {total}. {largest}: {causes}."
         "{by_region}",
         solver=display_name(solver),
         total=total,
@@ -454,13 +455,18 @@ def _describe_shorter_steps(summary: Summary) -> list[str]:
 
 def describe_counted_cells(summary: Summary) -> str:
     """Say which cells the statistics count, and how many cells they leave out because these are marked."""
-    beyond = "".join(f", {n} more for {display_name(name)}" for name, n in summary.marked_beyond.items())
     noun = row_noun(summary)
+    beyond = join_words(
+        f"in {n} more {count_noun(n, noun)} for {display_name(name)}"
+        for name, n in summary.marked_beyond.items()
+    )
     said = (
         f"Statistics of a solver are over the {noun} that both it and the model solved. So those of two solvers "
         f"can be over different {noun}. They leave out marked {noun}, in which a tiny change of a parameter flips the "
-        f"outcome: {summary.n_marked} of {summary.n_cells} for the model{beyond}."
+        f"outcome. The outcome of the model is marked in {summary.n_marked} of {summary.n_cells} {noun}."
     )
+    if beyond:
+        said += f" Only the outcome of the solver is marked {beyond}."
     if len(summary.ladder.statistics):
         said += (
             f" Causes of D are given only for {noun} in which no exact solution on the way from the model to the "
@@ -544,7 +550,8 @@ def overall_table(summary: Summary) -> Table:
         rows.append((stated_law(name) or "-", name, *known, int(apart)))
     header = ["law", "solver", row_noun(summary), "median D", "95 %", "max", *last, "not compared"]
     caption = (
-        f"Divergence D from the model, by contact law. {describe_shared_laws(compared_solvers(summary))}"
+        f"Divergence D from the model, by contact law, {describe_scenario(summary.config)}. "
+        f"{describe_shared_laws(compared_solvers(summary))}"
     )
     return Table(header, rows, caption.strip(), text=2)
 
@@ -556,7 +563,8 @@ def summary_blocks(summary: Summary) -> list[Block]:
         blocks.append("Nothing could be compared.")
     places: dict[str, list[str]] = {}
     for name in compared_solvers(summary):
-        places.setdefault(describe_row(summary, row_of_largest_d(summary, name)), []).append(name)
+        row = row_of_largest_d(summary, name)
+        places.setdefault(f"{describe_row(summary, row)} (cell {row.cell})", []).append(name)
     blocks += [
         f"{capitalise_first(join_words(map(display_name, names)))} {'has its' if len(names) == 1 else 'have their'} "
         f"largest D at {place}."

@@ -16,16 +16,18 @@ from rich.console import Console
 from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.config.graphs import GRAPH_AXES
 from impact_xval.experiments.measures.ladder import CONTRIBUTIONS, cancelling_pair, format_share_range
 from impact_xval.experiments.measures.summary import Summary
 from impact_xval.experiments.presentation.document import Block, Table
-from impact_xval.experiments.presentation.findings import region_table, summary_blocks
+from impact_xval.experiments.presentation.findings import ROUNDING, region_table, summary_blocks
 from impact_xval.experiments.presentation.terminal import print_blocks, print_line
 from impact_xval.experiments.presentation.words import (
     NO_RESULT,
     WHAT_NO_RESULT_IS,
     describe_cell,
+    describe_scenario,
     describe_si_values,
     name_solver_in,
 )
@@ -96,8 +98,11 @@ def rows_of_cell(folder: RunFolder, cell: int) -> list[Record]:
     return [{str(name): value for name, value in row.items()} for row in plain.to_dict("records")]
 
 
-def show_cell(console: Console, cell: int, rows: list[Record]) -> None:
-    """Print a cell: the outcome of each solver, and the causes of each engine's divergence D from the model."""
+def show_cell(console: Console, cell: int, rows: list[Record], config: Config) -> None:
+    """Print a cell: the outcome of each solver, and the causes of each engine's divergence D from the model.
+
+    `config` is the experiment of the run.
+    """
     axes = GRAPH_AXES if "graph" in rows[0] else CHAIN_AXES if "arrangement" in rows[0] else AXES
     balls = _shown_components(rows)
     speed = abs(rows[0]["v0"])
@@ -115,6 +120,7 @@ def show_cell(console: Console, cell: int, rows: list[Record]) -> None:
     setup = describe_cell(rows[0], axes)
     if axes is AXES:
         setup += f"; {describe_si_values(rows[0])}"
+    setup += f"; {describe_scenario(config)}"
     if axes is GRAPH_AXES:
         setup += f". v1x is the velocity of body 1 along x, v1z upwards. |v0| = {number(speed)} m/s"
     blocks: list[Block] = [f"cell {cell}: {setup}", Table(header, outcomes, text=2)]
@@ -164,12 +170,16 @@ def _contribution_rows(row: Record, balls: Sequence[str]) -> list[tuple[str, ...
         name = f"{c.name}_share"
         by_order = format_share_range(row[f"{name}_low"], row[f"{name}_high"]) if c.is_cause else ""
         shown = ("cancelled", "") if i in pair else (percent(row[name]), by_order)
-        changes = (f"{row[f'{c.name}_dv{j}']:.3e}" for j in balls)
-        lines.append((c.label, *changes, f"{row[f'{c.name}_norm']:.3e}", *shown))
-    total = (f"{row[f'ladder_dv{j}']:.3e}" for j in balls)
-    return (
-        [*lines, ("sum", *total, f"{row['ladder_velocity_divergence']:.3e}", "100.0 %", "")] if lines else []
-    )
+        changes = (_format_change(row[f"{c.name}_dv{j}"]) for j in balls)
+        lines.append((c.label, *changes, _format_change(row[f"{c.name}_norm"]), *shown))
+    total = (_format_change(row[f"ladder_dv{j}"]) for j in balls)
+    size = _format_change(row["ladder_velocity_divergence"])
+    return [*lines, ("sum", *total, size, "100.0 %", "")] if lines else []
+
+
+def _format_change(value: float) -> str:
+    """Return a change of a velocity per |v0|, or its size, as text; 0 if rounding alone can make it."""
+    return "0" if abs(value) <= ROUNDING else f"{value:.3e}"
 
 
 def show_changes(console: Console, a: str, b: str, comparison: RunComparison) -> None:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from impact_xval.compliant_baselines.registry import group_by_law, solver_names, title_of
 from impact_xval.experiments.config.arrangements import ChainSetup
 from impact_xval.experiments.config.axes import AXES, SI_AXES
-from impact_xval.experiments.config.experiment import REFERENCE
+from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.tables.frames import AxisValue, FrameRow, Record
 from impact_xval.experiments.tables.numbers import join_words, number
 
@@ -22,6 +22,9 @@ WHAT_D_IS = (
     "kinetic norm), and divided by the same norm of the velocities before the impact. D = 0 means that both outcomes "
     "are the same. D = 0.1 means that they differ by a tenth of the incoming motion."
 )
+
+#: Description of the scenario without gravity.
+WITHOUT_GRAVITY = "without gravity (scenario impact)"
 
 #: Statement that says what the comparison cannot show.
 LAWS_WITH_LAWS = (
@@ -134,6 +137,18 @@ def describe_cell(cell: Record | FrameRow, axes: Mapping[str, str] = AXES, digit
 def describe_si_values(cell: Record | FrameRow, quantities: Iterable[str] = SI_AXES) -> str:
     """Return masses and stiffnesses of a cell of two balls as text with their units."""
     return ", ".join(f"{name} = {number(cell[name], 6)} {SI_AXES[name]}" for name in quantities)
+
+
+def describe_scenario(config: Config) -> str:
+    """Return the scenario of an experiment as text: with or without gravity, and its name in files and options."""
+    if config.scenario == "drop":
+        return f"with gravity {number(config.gravity, 6)} m/s^2 (scenario drop)"
+    return WITHOUT_GRAVITY
+
+
+def describe_direction(*, table: bool) -> str:
+    """Say in which direction the velocities of N balls are positive, with or without a table below them."""
+    return "up is positive" if table else "the direction from the last ball to ball 1 is positive"
 
 
 def describe_chain(chain: ChainSetup) -> str:

@@ -303,6 +303,7 @@ class _Run:
         parts = folder.named_parts(range(chunks), self._identity)  # the parts of all shards
         whole = len(parts) == chunks
         if whole:
+            self._progress(0, 0, "all cells are done: writing tables")
             write_curves(config, folder, pool)
             self._end_stage("curves")
         with tables_lock(folder):

@@ -264,7 +264,7 @@ def _answer_questions(summary: Summary, captions: Captions) -> list[Block]:
         if said or figure:
             sections.append(Section(question, [*said, *figure], beside=bool(said and figure)))
 
-    far = [findings.describe_distances(summary), describe_shared_laws(summary.solvers)]
+    far = [findings.describe_distances(summary), describe_shared_laws(compared_solvers(summary))]
     answer("How far are the solvers from the model?", far, f"divergence-by-{over}")
     own_law = findings.describe_distances_from_own_laws(summary)
     answer("Do engines solve their own contact law?", own_law, "impulse-curves" if pair else "wave")
@@ -286,7 +286,11 @@ def _answer_questions_of_graphs(summary: Summary, captions: Captions) -> list[Bl
     asked: list[tuple[str, list[str], str]] = [
         (
             "How far are the solvers from the model?",
-            [findings.describe_distances(summary), describe_shared_laws(summary.solvers), *over_stiffness],
+            [
+                findings.describe_distances(summary),
+                describe_shared_laws(compared_solvers(summary)),
+                *over_stiffness,
+            ],
             "divergence-by-stiffness",
         ),
         (

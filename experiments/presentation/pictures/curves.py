@@ -19,7 +19,14 @@ from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.measures.hausdorff import LARGEST
 from impact_xval.experiments.presentation.pictures.history import TAIL, instant_of_tail
 from impact_xval.experiments.presentation.style import Drawn, draw_legend_beside, styled_figure
-from impact_xval.experiments.presentation.words import describe_cell, describe_chain, display_name, look_of
+from impact_xval.experiments.presentation.words import (
+    capitalise_first,
+    describe_cell,
+    describe_chain,
+    describe_direction,
+    display_name,
+    look_of,
+)
 from impact_xval.experiments.tables.frames import Frame, Record
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.model.arrays import Floats
@@ -43,7 +50,8 @@ def draw_cell_curves(curves: Frame, config: Config) -> Iterator[Drawn]:
         f"Impulse curves of one collision ({describe_cell(cell.model_dump())}): "
         "impulse I2 between ball and table over impulse I1 between the balls, both per m1 |v0|. Compression ends at "
         "the grey lines: l1 for the balls (equal velocities, v1 = v2), and l2 for the lower ball and the table (lower "
-        "ball at rest, I1 = I2). Markers show where each curve ends. The right panel enlarges these ends."
+        "ball at rest, I1 = I2). Markers show where each curve ends. The right panel enlarges these ends. The key "
+        "figure_cell of the experiment chooses the collision, which need not be a cell of the run."
     )
     yield "impulse-curves", _draw_whole_and_ends(points, cell.mass_ratio), caption
 
@@ -169,9 +177,10 @@ def draw_chain_figures(curves: Frame, config: Config) -> Iterator[Drawn]:
     by_solver, followed = curves.set_index("solver").velocities.dropna(), curves[curves.time.notna()]
     if len(by_solver):
         solvers = sort_by_law(by_solver.index)
+        direction = capitalise_first(describe_direction(table=config.figure_chain.collision().table))
         caption = (
-            "Final velocities of the balls of one chain, per |v0|, with the solvers side by side. Up is positive. "
-            f"The chain: {describe_chain(config.figure_chain)}."
+            "Final velocities of the balls of one chain, per |v0|, with the solvers side by side. "
+            f"{direction}. The chain: {describe_chain(config.figure_chain)}."
         )
         yield "velocities", draw_velocities({name: by_solver[name] for name in solvers}), caption
     if len(followed):

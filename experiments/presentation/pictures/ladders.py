@@ -189,13 +189,17 @@ def _trust_caption(trust: Frame, engines: Sequence[str]) -> str:
         within = percent((fields.typical <= 1).mean())
         said += f" {display_name(name)}: the median D is at most {second} in {within} of the fields"
         labels = [c.label for c in CONTRIBUTIONS if c.name in set(fields.blamed.mode())]
-        said += f", and the most frequent largest cause is {labels[0]}." if labels else "."
+        said += (
+            f". The cause with the largest part of D in the most fields is {labels[0]}." if labels else "."
+        )
     return (
         "Trust maps: how far each engine is from the model, over stiffness ratio k2/k1 and mass ratio m2/m1. A field "
         f"of a map holds the cells of all restitutions (at most {trust.cells.max()}). Left: whether the median D of "
         f"the field is at most {first}, {second} or {third}, or above. Middle: the same for the largest D. "
         f"Right: the cause with the largest part of D, summed over the cells with D above {first} (docs/ladder.md). "
-        f"The field is grey if no D is above {first}. White fields have nothing to compare.{said} {LEFT_OUT}"
+        f"The field is grey if no D is above {first}. White fields have nothing to compare.{said} In "
+        "the mean D of all cells another cause may be the largest, because cells with a large D count more there. "
+        f"{LEFT_OUT}"
     )
 
 

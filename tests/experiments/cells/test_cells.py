@@ -76,6 +76,28 @@ def test_versions_of_engines_are_said():
     assert "Versions" not in str(SolverComparison(PLAIN, {"state-transition": plain}))
 
 
+def test_solvers_without_a_result_share_no_law():
+    outcomes = {
+        name: replace(solve(PLAIN), solver=name) for name in ("state-transition", "mujoco", "pybullet")
+    }
+    outcomes["drake"] = Outcome.failure("drake", PLAIN, "unavailable", "not here")
+    shown = str(SolverComparison(PLAIN, outcomes))
+    assert "MuJoCo and PyBullet were asked for the same contact law" in shown
+
+
+def test_the_note_below_a_chain_explains_states_and_the_direction():
+    for problem, direction in (
+        (CHAIN, "the direction from the last ball to ball 1 is positive."),
+        (
+            replace(CHAIN, stiffnesses=(1e8, 2e8, 1e8), restitutions=(0.9, 0.8, 0.7), gaps=(), table=True),
+            "up is positive.",
+        ),
+    ):
+        shown = str(SolverComparison(problem, {"state-transition": solve(problem)}))
+        assert f"velocities per |v0|, {direction}" in shown
+        assert "states: number of sets of active contacts" in shown
+
+
 def test_d_between_every_two_solvers_is_what_a_hand_computation_gives():
     velocities = {"mujoco": (0.5, 0.25), "pybullet": (0.75, 0.5), "state-transition": (0.25, 0.0)}
     outcomes = {name: Outcome(name, v, (1.5, 1.75), ("S1", "S4")) for name, v in velocities.items()}

@@ -101,7 +101,12 @@ def test_a_run_from_end_to_end(tmp_path, command, monkeypatch):
         "name = '../<b>my [bold]run[/bold]</b>'\nsolvers = ['state-transition']\n"
         "[grid]\nstiffness_ratio = [0, 1, inf]\nmass_ratio = [1.0]\ne1 = [0.9]\ne2 = [0.7]\n"
     )
-    last = command("run my.toml --workers 1").strip().splitlines()[-1]
+    *printed, last = command("run my.toml --workers 1").strip().splitlines()
+    done, tables, page = (
+        printed.index(next(line for line in printed if line.startswith(start)))
+        for start in ("3 of 3 cells", "all cells are done: writing tables", "drawing figures and the page")
+    )
+    assert done < tables < page
     root = tmp_path / "runs" / "b-my-bold-run-bold-b"
     assert last.endswith("runs/b-my-bold-run-bold-b")
     names = ("cells.parquet", "divergence.parquet", "divergence.csv", "curves.parquet", "ladder.parquet")

@@ -10,8 +10,9 @@ from impact_xval.compliant_baselines.rigid.graphs import solve_graph_by_rigid_la
 from impact_xval.compliant_baselines.rigid.laws import LAWS
 from impact_xval.experiments.cells.compared_graph import REFERENCES, GraphComparison
 from impact_xval.experiments.commands.cli import main
+from impact_xval.experiments.config.graph_options import parse_graph
 from impact_xval.model.graph.collision_outcome import GraphCollisionOutcome
-from impact_xval.model.graph.named import bernoulli, box, corner, rack
+from impact_xval.model.graph.named import GRAPHS, bernoulli, box, corner, rack
 
 BERNOULLI = [
     "solve",
@@ -58,12 +59,32 @@ def test_solvers_that_are_named_are_asked_instead(command):
 
 def test_the_table_has_velocities_of_all_bodies(command):
     lines = command([*BERNOULLI, "--solver", "kelvin-voigt"]).splitlines()
-    assert lines[0] == "Bernoulli, angle 30, restitution 0.5, stiffness ratio 4."
+    assert (
+        lines[0]
+        == "Bernoulli, angle 30, stiffness ratio 4, restitution 0.5. Without gravity (scenario impact)."
+    )
     words = {line.partition(" ")[0]: line.split() for line in lines}
     assert " ".join(words["solver"]) == "solver status v1 (x, z) v2 (x, z) v3 (x, z) D E/E0"
     model = words["state-transition"]
     assert model[1:4] == ["ok", "-0.0801,", "-0.0915"]
     assert model[-2] == "0"
+
+
+@pytest.mark.parametrize("name", GRAPHS)
+def test_defaults_of_options_are_those_of_the_model(name):
+    assert parse_graph({"graph": name})[0] == GRAPHS[name]()
+
+
+def test_the_description_of_a_graph_has_the_defaults_too():
+    _, setup = parse_graph({"graph": "bridge", "e1": "0.8"})
+    assert setup == "bridge, angle 30, table stiffness ratio 3, mass ratio 2, e1 0.8, e2 0.7"
+
+
+def test_the_help_names_the_options_of_graphs_with_their_defaults(command):
+    shown = " ".join(command("solve --help").split())
+    for option in ("angle", "restitution", "velocity", "table-stiffness-ratio", "offset", "inertia"):
+        assert f" --{option} " in shown.partition("Options of each graph")[0]
+    assert "corner: --angle 90 --stiffness-ratio 1 --e1 1 --e2 1 --velocity -1,-0.3 bridge: " in shown
 
 
 def test_e1_and_e2_are_the_restitutions_of_a_corner(command):
@@ -92,8 +113,9 @@ def test_a_picture_has_a_caption(tmp_path, capsys, suffix, first, options):
     )
     assert file.read_bytes().startswith(first)
     if suffix == "svg":
-        text = file.read_text(encoding="utf-8")
-        assert text.count("Box, stiffness ratio 3, by solver.") >= 1  # matplotlib writes texts as comments
+        text = " ".join(file.read_text(encoding="utf-8").split())
+        # matplotlib writes texts as comments
+        assert "Box, inertia 0.333333, stiffness ratio 3, restitution 0.8, by solver." in text
         assert "m/s" in text
         assert "rad/s" in text
 

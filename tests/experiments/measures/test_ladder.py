@@ -18,8 +18,17 @@ from impact_xval.experiments.config.cells import experiment_cells
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures import corners as of_corners
 from impact_xval.experiments.measures.corners import Corners, corner_names
-from impact_xval.experiments.measures.ladder import NO_LIMIT, SentencePart, ladders, sentence, split
+from impact_xval.experiments.measures.ladder import (
+    CONTRIBUTIONS,
+    NO_LIMIT,
+    SentencePart,
+    format_share_range,
+    ladders,
+    sentence,
+    split,
+)
 from impact_xval.experiments.measures.summary import BAND, summarise_ladder
+from impact_xval.experiments.presentation.views import _contribution_rows
 from impact_xval.experiments.sweep.rows import (
     Experiment,
     model_as_comparison,
@@ -259,3 +268,25 @@ def test_a_sentence_claims_most_only_if_every_order_agrees():
     )
     assert "causes nearly cancel" in said(("a", 13.0, 1.3, 12, 14), ("b", -12.0, 1.2, -13, -11))
     assert "no difference to explain" in said(most, little, divergence=1e-12)
+
+
+def test_a_share_that_is_only_rounding_is_printed_as_0():
+    assert format_share_range(-5.67e-16, 0.0) == "0 to 0 %"
+    assert format_share_range(-0.0883, 2.43e-16) == "-8.83 to 0 %"
+
+
+def test_a_change_that_is_only_rounding_is_printed_as_0():
+    row = {"ladder_dv1": 0.25, "ladder_dv2": 1e-17, "ladder_velocity_divergence": 0.25}
+    for c in CONTRIBUTIONS:
+        changes = {
+            "norm": 0.25,
+            "share": 0.2,
+            "share_low": 0.1,
+            "share_high": 0.3,
+            "dv1": 0.05,
+            "dv2": -6.476e-17,
+        }
+        row |= {f"{c.name}_{key}": value for key, value in changes.items()}
+    *lines, total = _contribution_rows(row, ("1", "2"))
+    assert {line[1:4] for line in lines} == {("5.000e-02", "0", "2.500e-01")}
+    assert total == ("sum", "2.500e-01", "0", "2.500e-01", "100.0 %", "")

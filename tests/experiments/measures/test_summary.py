@@ -9,6 +9,7 @@ import pytest
 from impact_xval.compliant_baselines.registry import sort_by_law
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.summary import pairwise_divergence, summarise
+from impact_xval.experiments.presentation.findings import describe_counted_cells
 from impact_xval.experiments.tables.folder import RunFolder
 from tests.experiments import fakes
 from tests.experiments.conftest import swept
@@ -40,6 +41,9 @@ def test_marked_beyond_the_model_are_results_whose_model_is_not_marked(tmp_path)
     pq.write_table(pa.Table.from_pandas(cells, table.schema), path)
     summary = summarise(run)
     assert (summary.n_marked, summary.marked_beyond) == (2, {"mujoco": 3})
+    said = describe_counted_cells(summary)
+    assert "The outcome of the model is marked in 2 of 12 cells. " in said
+    assert "Only the outcome of the solver is marked in 3 more cells for MuJoCo." in said
 
 
 def test_tables_for_a_paper(run, command):

@@ -2,6 +2,7 @@
 
 import io
 import math
+import re
 import shlex
 
 import pyarrow.parquet as pq
@@ -60,6 +61,8 @@ def test_a_chain_is_shown_with_its_ladder_or_why_it_has_none(chain_run, command)
     assert "cell 0: balls = 2, arrangement = cradle" in shown
     assert ladder.sentence[0].replace("mujoco", "MuJoCo") in shown
     assert "mujoco: unrepresentable: exponent = 1.5" in command(["show", chain_run, "--cell", "2"])
+    shown = " ".join(command(["show", chain_run]).split())
+    assert "Over the 12 chains in which all causes are known, the mean D of MuJoCo is " in shown
 
 
 def test_a_cell_of_a_grid_in_si_units_is_named_and_opened_again_in_them(tmp_path, command):
@@ -74,6 +77,25 @@ def test_a_cell_of_a_grid_in_si_units_is_named_and_opened_again_in_them(tmp_path
     collision, _, _ = parse_collision({name[2:].replace("-", "_"): value for name, value in options.items()})
     assert collision.masses == (2.0, 0.3)
     assert collision.stiffnesses == pytest.approx((1e5, 7e5), rel=1e-15)
+
+
+def test_the_scenario_is_said(fake_run, tmp_path, command):
+    drop = swept(tmp_path / "run", fakes.shifted, scenario="drop", solvers=["mujoco"])
+    words = "solve --stiffness-ratio 2 --mass-ratio 1.5 --e1 0.9 --e2 0.7 --solver state-transition"
+    without, gravity = "without gravity (scenario impact)", "with gravity 9.81 m/s^2 (scenario drop)"
+    for start, option, end in (("show", fake_run.root, drop.root), (words, "", "--scenario drop")):
+        for more in ("", "--cell 1") if start == "show" else ("",):
+            impact, fall = (command(f"{start} {scenario} {more}") for scenario in (option, end))
+            assert without in impact.lower()
+            assert gravity in fall.lower()
+
+
+def test_the_cell_with_the_largest_d_is_named_by_its_number(fake_run, command):
+    shown = " ".join(command(["show", fake_run.root]).split())
+    (number,) = re.findall(r"MuJoCo has its largest D at k2/k1 = [^()]* \(cell (\d+)\)\.", shown)
+    cells = pq.read_table(fake_run.table_path("divergence.parquet")).to_pandas()
+    rows = cells[cells.solver == "mujoco"].set_index("cell")
+    assert rows.velocity_divergence[int(number)] == rows.velocity_divergence.max()
 
 
 def test_a_command_for_two_balls_refuses_a_run_of_chains(chain_run, refused):

@@ -200,7 +200,7 @@ def test_the_terminal_says_how_far_solvers_are_and_who_breaks_symmetry(graph_run
     assert "MuJoCo breaks the mirror symmetry" in said
     assert "by up to 0.02 |v0|" in said
     console = Console(file=io.StringIO(), width=200)
-    views.show_cell(console, 0, views.rows_of_cell(graph_run, 0))
+    views.show_cell(console, 0, views.rows_of_cell(graph_run, 0), graph_run.config())
     shown = console.file.getvalue()
     assert "graph = bernoulli" in shown
     assert "v1x/|v0|" in shown

@@ -4,6 +4,7 @@ import json
 import math
 
 import numpy as np
+import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 from scipy.integrate import trapezoid
@@ -11,7 +12,12 @@ from scipy.integrate import trapezoid
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.presentation.pictures.curves import draw_collision, drawable_paths
+from impact_xval.experiments.config.experiment import parse_config
+from impact_xval.experiments.presentation.pictures.curves import (
+    draw_cell_curves,
+    draw_collision,
+    drawable_paths,
+)
 from impact_xval.experiments.presentation.pictures.history import make_history
 from impact_xval.experiments.presentation.pictures.supplement import draw_supplement_figures
 from impact_xval.model import Collision, Outcome, solve
@@ -155,3 +161,12 @@ def test_a_drop_begins_where_the_table_carries_b2():
 def test_without_a_finite_clock_there_is_no_history():
     collision = Collision.from_ratios(0.0, 1.0, 0.9, 0.7)
     assert make_history(collision, solve(collision, path=True).path) is None
+
+
+def test_the_caption_names_the_key_of_the_collision():
+    curves = pd.DataFrame({"solver": ["state-transition"], "impulses": [[[0.0, 0.0], [1.9, 1.9]]]})
+    ((name, _, caption),) = draw_cell_curves(curves, parse_config({}))
+    assert name == "impulse-curves"
+    assert (
+        "figure_cell of the experiment chooses the collision, which need not be a cell of the run" in caption
+    )

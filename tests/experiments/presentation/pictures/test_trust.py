@@ -33,7 +33,10 @@ def test_levels_of_the_map_follow_the_known_errors(graded):
         assert (image.columns.tolist(), image.index.tolist()) == ([0.5, 1.0, 2.0], [1.0, 1.5])
         assert image.to_numpy().tolist() == [along] * 2
     ((_, _, caption),) = draw_trust(trust)
-    assert "MuJoCo: the median D is at most 0.05 in 66.7 % of the fields" in caption
+    assert (
+        "MuJoCo: the median D is at most 0.05 in 66.7 % of the fields. The cause with the largest part"
+        in caption
+    )
 
 
 def test_the_cause_to_blame_has_the_largest_sum_of_components(graded):
