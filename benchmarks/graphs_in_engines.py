@@ -73,9 +73,10 @@ def newton_of_approaching(collision: GraphCollision) -> Floats:
     """
     W, rates = collision.delassus, collision.rates
     e = np.array([contact.restitution for contact in collision.contacts])
-    total, rounding = np.zeros(len(rates)), 1e-12 * np.abs(rates).max()
+    total, scale = np.zeros(len(rates)), float(np.abs(rates).max())
+    rounding = 1e-12 * scale
     while (rates > rounding).any():
-        total += complementary(W, -rates - e * np.maximum(rates, 0))
+        total += complementary(W, -rates - e * np.maximum(rates, 0), scale)
         rates = collision.rates - W @ total
         rates[np.abs(rates) <= rounding] = 0.0
     return collision.after(total.tolist())[0]
@@ -88,12 +89,14 @@ def newton_in_steps(collision: GraphCollision, step: float, gaps: Floats) -> Flo
     """
     W, rates = collision.delassus, collision.rates
     e = np.array([contact.restitution for contact in collision.contacts])
-    total, rounding = np.zeros(len(rates)), 1e-9 * np.abs(rates).max()
+    total, scale = np.zeros(len(rates)), float(np.abs(rates).max())
+    rounding = 1e-9 * scale
     for _ in range(MOST_STEPS):
         gaps = gaps - step * rates
         touching = np.flatnonzero(gaps <= 0)
         if len(touching):
-            impulses = complementary(W[np.ix_(touching, touching)], -(1 + e[touching]) * rates[touching])
+            approach = -(1 + e[touching]) * rates[touching]
+            impulses = complementary(W[np.ix_(touching, touching)], approach, scale)
             total[touching] += impulses
             rates = collision.rates - W @ total
         if not (rates > rounding).any():
@@ -108,7 +111,8 @@ def restitution_once(collision: GraphCollision, order: Sequence[int]) -> Floats:
     """
     W, rates = collision.delassus, collision.rates
     e = np.array([contact.restitution for contact in collision.contacts])
-    total, rounding = np.zeros(len(rates)), 1e-7 * np.abs(rates).max()
+    total, scale = np.zeros(len(rates)), float(np.abs(rates).max())
+    rounding = 1e-7 * scale
     acting, has_approached = np.full(len(rates), True), np.full(len(rates), False)
     for _ in range(MOST_STEPS):
         approaching = rates > rounding
@@ -116,7 +120,7 @@ def restitution_once(collision: GraphCollision, order: Sequence[int]) -> Floats:
             break
         impulses = np.zeros(len(rates))
         part = np.ix_(acting, acting)
-        impulses[acting] = complementary(W[part], -rates[acting])
+        impulses[acting] = complementary(W[part], -rates[acting], scale)
         for contact in (number - 1 for number in order):
             if approaching[contact]:
                 back = 0.0 if has_approached[contact] and e[contact] < 1 else e[contact]

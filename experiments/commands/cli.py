@@ -30,8 +30,8 @@ from impact_xval.experiments.commands import (
     single_collision,
     solvers,
 )
+from impact_xval.experiments.commands.options import GraphHelpCommand
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
-from impact_xval.experiments.config.graph_options import describe_options
 
 PROGRAM = "impact-xval"
 #: Error numbers of the operating system for files that the user has no permission to use. These errors count as wrong
@@ -82,10 +82,9 @@ def _versions() -> str:
     return "\n".join(lines)
 
 
-#: Classes of commands whose options may take several words; all other commands have typer's class.
-_CLASSES = {"contact": contact.ContactCommand}
-#: Paragraphs below the options in the help of commands. After "\b" the lines stay as they are.
-_EPILOGS = {"solve": f"\b\n{describe_options()}"}
+#: Classes of commands with options that take several words, or that the help shows only beside others; all other
+#: commands have typer's class.
+_CLASSES = {"contact": contact.ContactCommand, "solve": GraphHelpCommand}
 
 # The commands, in the order in which the help lists them.
 for name, command in {
@@ -102,7 +101,7 @@ for name, command in {
     "solvers": solvers.solvers_command,
     "inspect": inspect_scene.inspect_command,
 }.items():
-    app.command(name, cls=_CLASSES.get(name), epilog=_EPILOGS.get(name))(command)
+    app.command(name, cls=_CLASSES.get(name))(command)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

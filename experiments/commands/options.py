@@ -11,15 +11,21 @@ import inspect
 import json
 import re
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperCommand
+from typer.core import TyperCommand, TyperOption
 
 from impact_xval.experiments.config.collision_options import PARAMETERS
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.config.graph_options import GRAPH_PARAMETERS
+from impact_xval.experiments.config.graph_options import (
+    GRAPH_PARAMETERS,
+    OPTIONS_OF,
+    SOLVED_BY,
+    describe_options,
+)
 
 
 def parse_number(text: str) -> float:
@@ -70,6 +76,21 @@ def command_with_numbers(*names: str) -> type[TyperCommand]:
             return super().parse_args(ctx, join_numbers(args, names))
 
     return CommandWithNumbers
+
+
+class GraphHelpCommand(TyperCommand):
+    """Command whose help shows the options of a collision, or with ``--graph NAME`` those of this contact graph."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the command line. The help is printed meanwhile, so what it shows is decided here."""
+        graph = next((word for before, word in pairwise(args) if before == "--graph"), "")
+        has_options = graph in OPTIONS_OF
+        shown = {"graph", *SOLVED_BY, *(OPTIONS_OF[graph] if has_options else PARAMETERS)}
+        for parameter in self.params:
+            if isinstance(parameter, TyperOption) and parameter.name in PARAMETERS | GRAPH_PARAMETERS:
+                parameter.hidden = parameter.name not in shown
+        self.epilog = f"\b\n{describe_options(graph)}" if has_options else None
+        return super().parse_args(ctx, args)
 
 
 def join_numbers(words: Sequence[str], names: Sequence[str]) -> list[str]:
@@ -199,7 +220,8 @@ def with_collision_options(
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Return a decorator that gives a command the options of one collision, in place of its ``**`` parameter.
 
-    Options in `without` are skipped. With `graphs` the command also gets the options of contact graphs.
+    Options in `without` are skipped. With `graphs` the command also gets the options of contact graphs. Its class is
+    then `GraphHelpCommand`.
     """
 
     def add(command: Callable[..., None]) -> Callable[..., None]:

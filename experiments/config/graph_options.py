@@ -16,7 +16,10 @@ if TYPE_CHECKING:
 
 #: Options that only contact graphs have, each with its placeholder in the help and its meaning.
 GRAPH_PARAMETERS = {
-    "graph": ("NAME", "'bernoulli', 'corner', 'bridge', 'rack' or 'box'."),
+    "graph": (
+        "NAME",
+        "'bernoulli', 'corner', 'bridge', 'rack' or 'box'; --graph NAME --help shows its options.",
+    ),
     "angle": ("DEG", "Angle of a fall to a line of centres, or between walls, in degrees."),
     "restitution": ("E", "Restitution of every contact of a graph, 0 to 1."),
     "velocity": ("X,Z", "Velocity of the ball in a corner, in m/s."),
@@ -39,13 +42,10 @@ OPTIONS_OF: Mapping[str, Mapping[str, float | tuple[float, ...]]] = {
 }
 
 
-def describe_options() -> str:
-    """Return lines that name the options of each graph with their defaults, as they can be typed."""
-    lines = ["Options of each graph, with their defaults:"]
-    for name, defaults in OPTIONS_OF.items():
-        options = (f"{_option(key)} {_format_value(value)}" for key, value in defaults.items())
-        lines.append(f"  {name}: {' '.join(options)}")
-    return "\n".join(lines)
+def describe_options(graph: str) -> str:
+    """Return a line that names the options of a graph with their defaults, as they can be typed."""
+    options = (f"{_option(key)} {_format_value(value)}" for key, value in OPTIONS_OF[graph].items())
+    return f"Defaults of {graph}: {' '.join(options)}"
 
 
 def parse_graph(parameters: Mapping[str, str | None]) -> tuple[GraphCollision, str]:

@@ -1,6 +1,7 @@
 """The command `impact-xval solve --graph`: the table of a contact graph, and its picture."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from impact_xval.compliant_baselines.rigid.graphs import solve_graph_by_rigid_la
 from impact_xval.compliant_baselines.rigid.laws import LAWS
 from impact_xval.experiments.cells.compared_graph import REFERENCES, GraphComparison
 from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.config.graph_options import parse_graph
+from impact_xval.experiments.config.graph_options import OPTIONS_OF, parse_graph
 from impact_xval.model.graph.collision_outcome import GraphCollisionOutcome
 from impact_xval.model.graph.named import GRAPHS, bernoulli, box, corner, rack
 
@@ -80,11 +81,20 @@ def test_the_description_of_a_graph_has_the_defaults_too():
     assert setup == "bridge, angle 30, table stiffness ratio 3, mass ratio 2, e1 0.8, e2 0.7"
 
 
-def test_the_help_names_the_options_of_graphs_with_their_defaults(command):
-    shown = " ".join(command("solve --help").split())
-    for option in ("angle", "restitution", "velocity", "table-stiffness-ratio", "offset", "inertia"):
-        assert f" --{option} " in shown.partition("Options of each graph")[0]
-    assert "corner: --angle 90 --stiffness-ratio 1 --e1 1 --e2 1 --velocity -1,-0.3 bridge: " in shown
+@pytest.mark.parametrize("name", GRAPHS)
+def test_the_help_beside_a_graph_has_the_options_of_this_graph_with_their_defaults(command, name):
+    shown = command(f"solve --graph {name} --help")
+    head, _, defaults = shown.partition(f"Defaults of {name}: ")
+    options = set(re.findall(r"^  --([a-z0-9-]+)", head.partition("Options:")[2], re.M))
+    own = {key.replace("_", "-") for key in OPTIONS_OF[name]}
+    assert options == own | {"graph", "step-fraction", "cell-timeout", "solver", "plot", "json"}
+    assert set(re.findall(r"--([a-z0-9-]+) \S", defaults)) == own
+    if name == "corner":
+        assert defaults.strip() == "--angle 90 --stiffness-ratio 1 --e1 1 --e2 1 --velocity -1,-0.3"
+    # The help without a graph has the options of two balls again, and says how to see those of a graph.
+    assert "--angle" not in (plain := command("solve --help"))
+    assert "--mass-ratio" in plain
+    assert "--graph NAME --help shows its options." in " ".join(plain.split())
 
 
 def test_e1_and_e2_are_the_restitutions_of_a_corner(command):
