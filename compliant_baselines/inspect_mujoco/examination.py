@@ -127,15 +127,13 @@ def load_scene(scene: Path) -> Any:
         raise ValueError(f"{scene}: MuJoCo does not compile it: {error}") from None
     if model.nv == 0:
         raise ValueError(f"{scene}: no body can move; legal: a scene with a joint")
-    for body in np.flatnonzero(~(np.isfinite(model.body_mass) & np.isfinite(model.body_inertia).all(axis=1))):
-        name, mass, inertia = (
-            model.body(body).name or f"#{body}",
-            model.body_mass[body],
-            model.body_inertia[body],
-        )
+    is_finite = np.isfinite(model.body_mass) & np.isfinite(model.body_inertia).all(axis=1)
+    if not is_finite.all():
+        body = int(is_finite.argmin())
+        name, inertia = model.body(body).name or f"#{body}", model.body_inertia[body].tolist()
         raise ValueError(
-            f"{scene}: body {name} has the mass {mass:g} kg and the inertia {inertia.tolist()} kg m^2 in MuJoCo; "
-            "legal: finite numbers"
+            f"{scene}: body {name} has the mass {model.body_mass[body]:g} kg and the inertia {inertia} kg m^2 in "
+            "MuJoCo; legal: finite numbers"
         )
     return model
 

@@ -83,7 +83,8 @@ class GraphHelpCommand(TyperCommand):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read the command line. The help is printed meanwhile, so what it shows is decided here."""
-        graph = next((word for before, word in pairwise(args) if before == "--graph"), "")
+        words = " ".join(args).replace("--graph=", "--graph ").split()
+        graph = next((word for before, word in pairwise(words) if before == "--graph"), "")
         has_options = graph in OPTIONS_OF
         shown = {"graph", *SOLVED_BY, *(OPTIONS_OF[graph] if has_options else PARAMETERS)}
         for parameter in self.params:

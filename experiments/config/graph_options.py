@@ -42,10 +42,15 @@ OPTIONS_OF: Mapping[str, Mapping[str, float | tuple[float, ...]]] = {
 }
 
 
+#: Graphs whose restitutions e1 and e2 are not those of ball on ball and of ball on table, with what they are.
+_RESTITUTIONS_OF = {"corner": "e1 and e2 are the restitutions of the two walls."}
+
+
 def describe_options(graph: str) -> str:
-    """Return a line that names the options of a graph with their defaults, as they can be typed."""
+    """Return lines that name the options of a graph with their defaults, as they can be typed."""
     options = (f"{_option(key)} {_format_value(value)}" for key, value in OPTIONS_OF[graph].items())
-    return f"Defaults of {graph}: {' '.join(options)}"
+    lines = [f"Defaults of {graph}: {' '.join(options)}", *filter(None, [_RESTITUTIONS_OF.get(graph)])]
+    return "\n".join(lines)
 
 
 def parse_graph(parameters: Mapping[str, str | None]) -> tuple[GraphCollision, str]:

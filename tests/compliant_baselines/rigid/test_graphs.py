@@ -128,7 +128,8 @@ def test_a_plastic_ball_on_three_planes_takes_the_nearest_velocity(law):
 def test_rates_may_grow_in_a_sequence_of_single_impacts():
     """Six contacts on which rates become larger than the largest rate at the start, while energy is lost.
 
-    The sequence has no end, but its impulses have a limit. Rates below the rounding of the start count as 0.
+    In rational arithmetic the sequence is not over after 300 impacts. In floating point it is over when all rates of
+    approach are below the rounding of the largest rate at the start, and then count as 0.
     """
     upper = [
         [1.5, 152 / 425, -13 / 85, 0, 18 / 85, -110 / 221],

@@ -90,7 +90,9 @@ def test_the_help_beside_a_graph_has_the_options_of_this_graph_with_their_defaul
     assert options == own | {"graph", "step-fraction", "cell-timeout", "solver", "plot", "json"}
     assert set(re.findall(r"--([a-z0-9-]+) \S", defaults)) == own
     if name == "corner":
-        assert defaults.strip() == "--angle 90 --stiffness-ratio 1 --e1 1 --e2 1 --velocity -1,-0.3"
+        assert defaults.split("\n")[0] == "--angle 90 --stiffness-ratio 1 --e1 1 --e2 1 --velocity -1,-0.3"
+        assert "e1 and e2 are the restitutions of the two walls." in defaults
+    assert command(f"solve --graph={name} --help") == shown
     # The help without a graph has the options of two balls again, and says how to see those of a graph.
     assert "--angle" not in (plain := command("solve --help"))
     assert "--mass-ratio" in plain
