@@ -341,7 +341,9 @@ def _pair_endings(cells: PairRatios, ending: NDArray[np.int64], options: PairOpt
     is_exact = cutoff == EXACT
     beyond_cutoff = False if is_exact else (kappa > cutoff) | (kappa < 1 / cutoff)
     ratio = "the running stiffness ratio left"
-    runs_away = f"the running stiffness ratio runs away: closed form of the limit, to {BOUND:g} |v0|"
+    runs_away = (
+        f"the running stiffness ratio grows without bound: closed form of the limit, to {BOUND:g} |v0|"
+    )
     events = f"{options.max_events} events, or {MOST_WINDOWS} windows of the search for them"
     precision = f"{ratio} double precision: closed form of the limit from there on"
     return [

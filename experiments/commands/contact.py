@@ -109,7 +109,7 @@ def contact_command(
     from impact_xval.compliant_baselines import SolverError, get_solver
     from impact_xval.compliant_baselines.engines.engine import Engine
     from impact_xval.compliant_baselines.single_contact import verify_contacts, verify_stiffest
-    from impact_xval.experiments.presentation.contacts import contact_blocks
+    from impact_xval.experiments.presentation.contacts import contact_blocks, describe_linearised
     from impact_xval.experiments.presentation.terminal import (
         error_line,
         make_console,
@@ -137,6 +137,8 @@ def contact_command(
         if not is_stepped:
             with report_waiting(f"running the text in {engine}"):
                 blocks = _target_blocks(engine, pairs, step)
+            if touch is not None:
+                blocks = [*describe_linearised(touch, speed), *blocks]
             print_blocks(make_console(), blocks)
             return
         solver = get_solver(engine)

@@ -52,12 +52,16 @@ def inspect_command(
 ) -> None:
     """Measure the contacts of a MuJoCo scene, and look for traps in them.
 
-    Contacts with the same parameters form a group. Two bodies of each group are dropped and loaded, without the rest of
-    the scene. You get their restitution, stiffness, time steps per contact and depth at rest, and the parameters to
-    write for another contact. All of these hold for two bodies alone, not for a body in two contacts at once.
+    Contacts with the same parameters form a group. Two bodies of each group collide without gravity and without the
+    rest of the scene. You get their restitution, stiffness, time steps per contact and depth at rest (with gravity),
+    and the parameters to write for another contact. All of these hold for two bodies alone, not for a body in two
+    contacts at once. A long, soft contact under gravity returns less than the restitution that is printed.
 
     A trap is a parameter that the engine replaces, ignores or reads in another way. The exit code is 3 if
     the scene has traps.
+
+    --fix writes the scene with other contacts where solref has negative numbers. Contacts with a positive solref keep
+    it: for these, copy the parameters that the command prints.
 
     Example: impact-xval inspect robot.xml
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import inspect
 import json
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
@@ -181,6 +181,24 @@ def known_solvers(solvers: list[str] | None) -> list[str]:
     if problem:
         raise UserError(f"--solver {problem}")
     return names if REFERENCE in names else [*names, REFERENCE]
+
+
+def stop_if_unavailable(solvers: list[str] | None, statuses: Iterable[tuple[str, str]]) -> None:
+    """End the command with exit code 1 if every solver that --solver names is unavailable.
+
+    Parameters
+    ----------
+    solvers
+        The solvers that --solver names, or None.
+    statuses
+        Names of solvers, each with the status of an outcome.
+    """
+    from impact_xval.experiments.presentation.terminal import error_line
+
+    available = {name for name, status in statuses if status != "unavailable"}
+    if solvers and available.isdisjoint(solvers):
+        error_line(f"unavailable, so nothing was compared: {', '.join(solvers)}")
+        raise typer.Exit(1)
 
 
 def option(

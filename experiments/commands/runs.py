@@ -311,7 +311,10 @@ def writing_folder(words: Sequence[str | Path], console: Console, before: str) -
                 progress(done, total, line)
 
             yield report
-    except InterruptedRunError as stopped:
+    except (
+        InterruptedRunError,
+        KeyboardInterrupt,
+    ) as stopped:  # Ctrl-C can come before and after the run itself
         command = shlex.join(["impact-xval", *map(str, words)])
-        line = f"{stopped}; finished parts are kept; to continue: {command}"
+        line = f"{str(stopped) or 'interrupted'}; finished parts are kept; to continue: {command}"
         raise InterruptedRunError(line) from None

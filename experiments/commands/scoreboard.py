@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from impact_xval.experiments.commands.options import Solvers, Workers, known_solvers, option, parse_path
+from impact_xval.experiments.commands.options import (
+    Solvers,
+    Workers,
+    known_solvers,
+    option,
+    parse_path,
+    stop_if_unavailable,
+)
 from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:  # these modules import NumPy
@@ -50,6 +57,8 @@ def scoreboard_command(
     Example: impact-xval scoreboard --with mujoco==3.3.7 --with mujoco==4.0.0
     """
     names = known_solvers(solver) if solver else ()
+    import pandas as pd
+
     from impact_xval.experiments.presentation.terminal import make_console, print_blocks, show_progress
     from impact_xval.experiments.scoreboard.baseline import compare_with_baseline, read_baseline
     from impact_xval.experiments.scoreboard.page import write_scoreboard
@@ -99,6 +108,8 @@ def scoreboard_command(
         raise _all_in_one(missing)
     if differs:
         raise typer.Exit(3)
+    asked = pd.concat([answers, answers_elsewhere])
+    stop_if_unavailable(solver, zip(asked.solver, asked.status, strict=True))
 
 
 def _describe_stored(stored: Sequence[str], root: Path) -> str:

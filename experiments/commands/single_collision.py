@@ -23,6 +23,7 @@ from impact_xval.experiments.commands.options import (
     option,
     parse_path,
     print_json,
+    stop_if_unavailable,
     whole_number_parser,
     with_collision_options,
     word_parser,
@@ -122,6 +123,7 @@ def solve_command(
         print_blocks(make_console(), compared.blocks())
     if plot is not None:
         error_line(f"{plot}: {_draw_into(plot, compared, config)}")
+    stop_if_unavailable(solver, [(name, outcome.status) for name, outcome in outcomes.items()])
 
 
 def _solve_graph(
@@ -169,6 +171,7 @@ def _solve_graph(
         except ValueError as error:
             raise UserError(f"--plot {plot}: {error}") from None
         error_line(f"{plot}: {compared.caption()}")
+    stop_if_unavailable(solver, [(name, outcome.status) for name, outcome in outcomes.items()])
 
 
 def _count_path_points(chain: ChainSetup | None, *, film: bool) -> int | None:

@@ -23,7 +23,7 @@ from impact_xval.compliant_baselines.three_bodies import MODEL, Strike, paste_bo
 from impact_xval.experiments.presentation.document import Block, Table
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.model.kinetic import kinetic_norm
-from impact_xval.model.materials import MaterialContact
+from impact_xval.model.materials import Material, MaterialContact
 
 if TYPE_CHECKING:  # the imported package needs MuJoCo
     from impact_xval.compliant_baselines.inspect_mujoco import (
@@ -75,7 +75,7 @@ def contact_blocks(
     for i, pair in enumerate(pairs):
         blocks += _describe_numbers(pair, f"{_name_of_contact(i)}: " if len(pairs) > 1 else "")
     if touch is not None:
-        blocks += _describe_linearised(touch, pairs[0].speed)
+        blocks += describe_linearised(touch, pairs[0].speed)
     if len(pairs) == 1:
         text = paste(engine.name, pairs[0].contact, step, pairs[0].solref)
     else:
@@ -232,7 +232,7 @@ def round_outward(low: float, high: float) -> str:
     return " to ".join(f"{float(f'{end}e{exponent}'):.15g}" for end in ends)
 
 
-def _describe_linearised(touch: MaterialContact, speed: float) -> list[str]:
+def describe_linearised(touch: MaterialContact, speed: float) -> list[str]:
     """Return lines about a linear contact that stands for two materials.
 
     They tell the force of the materials, and how it differs from the force of the linear contact.
@@ -242,6 +242,7 @@ def _describe_linearised(touch: MaterialContact, speed: float) -> list[str]:
         + ("flat" if math.isinf(body.radius) else f"ball of {body.radius:g} m radius")
         for body in (touch.upper, touch.lower)
     )
+    materials = dict.fromkeys(body.material for body in (touch.upper, touch.lower))
     p, duration = touch.exponent, touch.duration(speed)
     longer = math.pi * touch.compression(speed) / speed / duration - 1
     return [
@@ -249,7 +250,17 @@ def _describe_linearised(touch: MaterialContact, speed: float) -> list[str]:
         f"Their contact lasts {duration:.4g} s.",
         "The linear contact has the same greatest depth and energy at this speed. Compared with the contact of the "
         f"materials it lasts {longer:.1%} longer, and its peak force is {1 - 2 / (p + 1):.0%} lower.",
+        f"Numbers used: {'; '.join(map(_describe_material, materials))}.",
     ]
+
+
+def _describe_material(material: Material) -> str:
+    """Return the numbers of a material that a contact is computed from; `model.materials` has their sources."""
+    wall = "" if material.wall is None else f", wall of {material.wall:g} m"
+    return (
+        f"{material.name} with Young's modulus {material.young:g} Pa, Poisson's ratio {material.poisson:g}, "
+        f"density {material.density:g} kg/m^3{wall}"
+    )
 
 
 #: Largest numbers of lines about a scene on one screen: all lines together, then lines for groups, for remarks, and for

@@ -25,6 +25,7 @@ from impact_xval.experiments.config.arrangements import CHAIN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import NOUN_OF, REFERENCE
 from impact_xval.experiments.config.graphs import GRAPH_AXES
+from impact_xval.experiments.measures.aggregates import FULL_PATHS
 from impact_xval.experiments.measures.ladder import CONTRIBUTIONS, cancelling_pair
 from impact_xval.experiments.measures.summary import LadderSummary, Summary
 from impact_xval.experiments.presentation.document import Block, Table, Value, fill_sentence
@@ -531,7 +532,7 @@ def _share_text(region: Frame, name: str) -> str:
 
 def overall_table(summary: Summary) -> Table:
     """Return the table with the distance of each solver from the model, one row per solver, for one screen."""
-    last = {"same path": lambda name: percent(summary.get(name, "states_equal")["mean"])}
+    last = {"same path": lambda name: percent(summary.get(name, FULL_PATHS)["mean"])}
     if summary.config.kind == "graph":
         last = {
             str(graph): lambda name, graph=graph: number(summary.get(name, D, "graph", graph)["median"])
@@ -552,8 +553,13 @@ def overall_table(summary: Summary) -> Table:
     caption = (
         f"Divergence D from the model, by contact law, {describe_scenario(summary.config)}. "
         f"{describe_shared_laws(compared_solvers(summary))}"
-    )
-    return Table(header, rows, caption.strip(), text=2)
+    ).strip()
+    if "same path" in last:
+        caption += (
+            ' In "same path": share of the cells that the model solves without a closed form, in which the contacts '
+            "open and close in the order of the model."
+        )
+    return Table(header, rows, caption, text=2)
 
 
 def summary_blocks(summary: Summary) -> list[Block]:

@@ -59,8 +59,18 @@ def write_latex(folder: RunFolder, summary: Summary) -> Path:
     table, path = overall_table(summary), folder.root / "summary.tex"
     frame = pd.DataFrame(table.rows, columns=list(table.header))
     aligned = "l" * table.text + "r" * (len(table.header) - table.text)
-    write_text(path, frame.to_latex(index=False, escape=True, column_format=aligned))
+    styled = (
+        frame.style.format(escape="latex").format_index(escape="latex", axis="columns").hide(axis="index")
+    )
+    styled = styled.format(_write_in_latex, subset=list(table.header[table.text :]))
+    write_text(path, styled.to_latex(column_format=aligned, hrules=True))
     return path
+
+
+def _write_in_latex(entry: object) -> str:
+    """Write an entry such as ``7.77e-15`` or ``27.4 %`` for LaTeX."""
+    digits, _, exponent = str(entry).partition("e")
+    return rf"${digits} \times 10^{{{int(exponent)}}}$" if exponent else digits.replace("%", r"\%")
 
 
 def write_report(folder: RunFolder, summary: Summary, cells: Callable[[], str] | None = None) -> Path:

@@ -47,9 +47,10 @@ TOO_FAR_APART = (
 _GAINED_ENERGY = "energy was made: double precision cannot follow masses and stiffnesses this far apart"
 
 #: Sentences for chains that were solved by a closed form.
-PLASTIC_REASON = "closed form of e = 0: the bodies of a contact that ended compression are one from there on"
+PLASTIC_REASON = "closed form of e = 0: the bodies of a contact move as one once its compression has ended"
 RUNAWAY_REASON = (
-    "the running stiffness of a contact runs away: its bodies are one from where it is rigid to rounding"
+    "the running stiffness of a contact grows without bound: "
+    "its bodies move as one once rounding hides its compression"
 )
 COLLAPSE_REASON = "bodies come to rest together after infinitely many events"
 

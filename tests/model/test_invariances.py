@@ -94,5 +94,6 @@ def test_equations_13_to_15_hold_along_the_path_at_second_order_in_its_spacing(k
         assert gained == pytest.approx(means[0] * steps, rel=error, abs=least * (1 + mu))
         assert np.diff(energy)[inside] == pytest.approx(means[1] * gained, rel=error, abs=least)
     assert np.all(steps >= 0)
-    # A path may end with forces only where the stiffness ratio runs away and a closed form finishes the collision.
+    # A path may end with forces only where the stiffness ratio grows without bound, and a closed form finishes the
+    # collision.
     assert end == PairEnding.PRECISION or not forces[:, -1].any()

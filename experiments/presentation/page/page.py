@@ -549,8 +549,12 @@ def _glossary_section(summary: Summary) -> Section:
 
 
 def _provenance_section(folder: RunFolder) -> Section:
-    """Return the section that lists all entries of the manifest of a run."""
-    rows = [*_flatten({key: value for key, value in folder.manifest().items() if key != "statuses"})]
+    """Return the section that lists the entries of the manifest of a run.
+
+    The counts of statuses have a section of their own, and the page of a run is written before the run is complete.
+    """
+    entries = {key: value for key, value in folder.manifest().items() if key not in ("statuses", "state")}
+    rows = [*_flatten(entries)]
     return Section("Provenance", [Table(["what", "value"], rows, text=2)], folded=True)
 
 

@@ -79,6 +79,18 @@ def test_solve_takes_an_infinite_ratio_and_shows_refusals(command):
         assert other["v1"] is None
 
 
+@pytest.mark.parametrize(
+    "of_collision", [CELL, ["--graph", "bernoulli", "--stiffness-ratio", "4"]], ids=["pair", "graph"]
+)
+def test_solve_fails_where_every_solver_that_was_asked_for_is_unavailable(command, of_collision):
+    absent = [name for name in solver_names(on_request=True) if registry.get_solver(name).unavailable()]
+    if not absent:
+        pytest.skip("every engine is installed")
+    asked = ["solve", *of_collision, "--solver", absent[0]]
+    assert "unavailable" in command(asked, ends=1)
+    assert command([*asked, "--solver", "kelvin-voigt"])
+
+
 def test_help_and_version_are_quick_and_load_nothing_heavy():
     script = (
         "import sys; from impact_xval.__main__ import entry; code = entry();"
@@ -167,6 +179,18 @@ def test_a_run_says_how_many_cells_there_are_and_which_axes_took_defaults(tmp_pa
         (tmp_path / "my.toml").write_text(text)
         assert main(["run", str(tmp_path / "my.toml"), "--out", str(tmp_path / "a")]) == 2
         assert says in capsys.readouterr().out.splitlines()
+
+
+def test_a_signal_outside_the_run_itself_tells_how_to_continue_too(tmp_path, capsys, monkeypatch):
+    def begun(config, root, **_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(sweep, "run_sweep", begun)
+    assert main(["run", "--quick", "--out", str(tmp_path / "run")]) == 1
+    said = capsys.readouterr().err
+    assert (
+        f"interrupted; finished parts are kept; to continue: impact-xval run --quick --out {tmp_path}" in said
+    )
 
 
 def test_a_quick_run_is_of_a_few_cells_of_the_built_in_grid_and_is_continued_as_one(

@@ -85,6 +85,14 @@ def test_a_material_and_a_radius_are_a_contact(command):
         )[1]
     )
     assert drops["duration"][0] / hertz == pytest.approx(1.067, rel=0.05)
+    numbers = "steel with Young's modulus 2.1e+11 Pa, Poisson's ratio 0.3, density 7850 kg/m^3"
+    assert f"\nNumbers used: {numbers}.\n" in text
+
+
+def test_the_materials_are_stated_for_an_engine_that_is_not_run_in_steps(command):
+    text = command("contact --engine lammps --material ping-pong --material steel --radius 0.02")
+    assert "The materials are ping-pong ball of 0.02 m radius on steel flat." in text
+    assert "density 1370 kg/m^3, wall of 0.0004 m; steel with" in text
 
 
 def test_a_spring_and_a_dashpot_in_newton_and_metre(command):

@@ -9,6 +9,8 @@ import pytest
 from impact_xval.compliant_baselines.registry import sort_by_law
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.summary import pairwise_divergence, summarise
+from impact_xval.experiments.presentation import report
+from impact_xval.experiments.presentation.document import Table
 from impact_xval.experiments.presentation.findings import describe_counted_cells
 from impact_xval.experiments.tables.folder import RunFolder
 from tests.experiments import fakes
@@ -53,6 +55,15 @@ def test_tables_for_a_paper(run, command):
     text = (run / "summary.tex").read_text()
     assert "kelvin-voigt & mujoco & 12 &" in text
     assert r"95 \% & max" in text
+    assert r" \% & " in text.partition(r"\midrule")[2]
+    assert "times" not in text
+
+
+def test_small_numbers_of_a_table_for_latex_are_powers_of_ten(run, monkeypatch):
+    small = Table(["law", "solver", "cells", "median D"], [("a_b", "x:1e-3", 12, "7.77e-15")], text=2)
+    monkeypatch.setattr(report, "overall_table", lambda summary: small)
+    text = report.write_latex(RunFolder(run), summarise(RunFolder(run))).read_text()
+    assert r"a\_b & x:1e-3 & 12 & $7.77 \times 10^{-15}$ \\" in text
 
 
 def test_marked_rows_are_in_no_comparison_of_two_solvers(tmp_path):

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from impact_xval.compliant_baselines import get_solver, solver_names
 from impact_xval.experiments.scoreboard import plane, playing
 from impact_xval.experiments.scoreboard.baseline import compare_with_baseline, read_baseline
 from impact_xval.experiments.scoreboard.cases import CASES, USUAL
@@ -136,6 +137,20 @@ def test_the_folder_of_the_baseline_is_not_overwritten(tmp_path, refused):
             ["scoreboard", "--out", out, "--baseline", folder], "--baseline", "folder of --out", "legal: "
         )
     assert {path.name for path in folder.iterdir()} == {ANSWERS, PLANE_ANSWERS}
+
+
+def test_a_scoreboard_fails_where_every_solver_that_was_asked_for_is_unavailable(
+    tmp_path, monkeypatch, command
+):
+    absent = [name for name in solver_names(on_request=True) if get_solver(name).unavailable()]
+    if not absent:
+        pytest.skip("every engine is installed")
+    monkeypatch.setattr(playing, "CASES", dict(list(CASES.items())[:1]))
+    monkeypatch.setattr(plane, "PLANE_CASES", dict(list(PLANE_CASES.items())[:1]))
+    monkeypatch.setattr(playing, "exact_law_names", lambda: ("newton-restitution", "state-transition"))
+    words = ["scoreboard", "--workers", "1", "--out", tmp_path / "out", "--solver", absent[0]]
+    command(words, ends=1)
+    assert command([*words, "--solver", "mujoco:default"])
 
 
 def test_solvers_whose_answers_are_read_are_named(tmp_path, monkeypatch, command):
