@@ -69,6 +69,14 @@ def textbook_damping_ratio(e: float) -> float:
     return float(textbook_damping_ratios(np.array(_require_legal(e))))
 
 
+def textbook_restitution(zeta: float) -> float:
+    """Return the restitution of a contact that may pull, for a damping ratio 0 <= zeta <= 1.
+
+    It is exp(-pi zeta/sqrt(1 - zeta^2)), the inverse of `textbook_damping_ratio`.
+    """
+    return exp(-pi * zeta / (sqrt(1 - zeta) * sqrt(1 + zeta))) if zeta < 1 else 0.0
+
+
 def _require_legal(e: float) -> float:
     """Return e unchanged if a dashpot can have this restitution; else a ValueError names the legal range."""
     if not 0 < e <= 1:

@@ -7,12 +7,16 @@ collision at rising contrasts. At rising contrasts only the stiffest contact cha
 velocities are from those of the welded collision. It is the kinetic norm of the difference, over the kinetic norm of
 the velocities at first touch. The outcomes at rising contrasts are judged by the rule of a test of the hypothesis
 (`judging`). The command `impact-xval hypothesis` calls this module.
+
+"The same contacts" has two meanings for a law with dashpots: the contacts of the welded collision keep their e, or they
+keep their dashpots in N s/m (`keep_dashpots`). Such a law has a verdict for each.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,6 +25,13 @@ import pandas as pd
 from pydantic import Field
 
 from impact_xval.compliant_baselines import get_solver
+from impact_xval.compliant_baselines.engines.scene import reduced_masses
+from impact_xval.compliant_baselines.restitution import (
+    damping_ratio,
+    restitution,
+    textbook_damping_ratio,
+    textbook_restitution,
+)
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.config.axes import Strict
 from impact_xval.experiments.config.errors import UserError, read_toml, validate
@@ -60,6 +71,26 @@ OF_PAIRS = (
 #: Laws that only two balls on a table have, each with the law that replaces it in the welded collision. The replacement
 #: is needed because the welded collision has a single ball.
 _WELDED_BY = {"kelvin-voigt-anchored": "kelvin-voigt"}
+
+
+class _Damping(NamedTuple):
+    """How a law turns the restitution of a contact into the damping ratio of its dashpot, and back."""
+
+    ratio: Callable[[float], float]
+    restitution: Callable[[float], float]
+
+
+_PUSHING = _Damping(damping_ratio, restitution)
+_TEXTBOOK = _Damping(textbook_damping_ratio, textbook_restitution)
+
+#: Laws whose contacts have a linear dashpot for the reduced mass of their two bodies. A dashpot in compression only
+#: needs the damping ratio of a full one for e^2 (`compliant_baselines.restitution`).
+_DASHPOTS = {
+    "kelvin-voigt": _PUSHING,
+    "kelvin-voigt-textbook": _TEXTBOOK,
+    "compression-dashpot": _Damping(lambda e: damping_ratio(e**2), lambda zeta: math.sqrt(restitution(zeta))),
+    "linear-dashpot": _TEXTBOOK,
+}
 
 #: Contrasts of the series of collisions that a verdict is based on. They rise from `_FROM` to the larger of two
 #: numbers: `_TO`, and a hundred times the contrast of the user's collision. They never exceed `_MOST`, which is also
@@ -139,6 +170,8 @@ class OneBodyVerdict(NamedTuple):
     """Result of one law on whether the bodies of the stiff contact of a collision move as one."""
 
     solver: str
+    #: Whether the contacts of the welded collision keep their dashpots, and not their e.
+    keeps_dashpots: bool
     #: Reason why there is no verdict. Either the law has no result for the user's collision or the welded collision, or
     #: its outcomes at rising contrasts allow no verdict.
     reason: str
@@ -149,6 +182,11 @@ class OneBodyVerdict(NamedTuple):
     verdict: str
     rate: float
     offset: float
+
+    @property
+    def name(self) -> str:
+        """Name of the law for readers, with the meaning of "the same contacts" if it is not "the same e"."""
+        return display_name(self.solver) + (", dashpots kept" if self.keeps_dashpots else "")
 
     @property
     def as_one(self) -> str:
@@ -222,43 +260,88 @@ def judge_own_pair(collision: Collision, stiff: int | None = None) -> OwnPair:
             "exponent or gap: the hypothesis is tested on linear contacts that touch; legal: no exponent, no gap"
         )
     solvers = (*SOLVERS, *OF_PAIRS) if collision.falls_on_resting else SOLVERS
-    laws = [_one_law(name, collision, contact, contrast) for name in solvers]
+    laws = [verdict for name in solvers for verdict in _judge_law(name, collision, contact, contrast)]
     return OwnPair(collision, contact, contrast, laws)
 
 
-def _one_law(name: str, collision: Collision, contact: int, contrast: float) -> OneBodyVerdict:
-    """Return the verdict of one law on the user's collision.
+def keep_dashpots(law: str, collision: Collision, contact: int) -> Collision:
+    """Return the welded collision in which all contacts have the dashpots that they have in a collision.
 
-    The law solves the welded collision, the collision at multiples of its contrast, and the collision at the rising
-    contrasts on which the verdict is based.
+    The damping of a contact in N s/m is 2 zeta sqrt(k M) with the reduced mass M of its two bodies. Welding changes M.
+    So the damping ratio zeta is multiplied by the root of the ratio of the reduced masses, and e follows from zeta.
+
+    Parameters
+    ----------
+    law
+        Law of the contacts, one of those with a linear dashpot (`_DASHPOTS`).
+    collision
+        Collision before welding, with restitutions in (0, 1].
+    contact
+        Index of the contact whose two bodies are welded, from 0.
+    """
+    welded = weld_contact(collision, contact)
+    before = np.delete(reduced_masses(collision), contact)
+    changes = np.sqrt(before / np.array(reduced_masses(welded)))
+    damping = _DASHPOTS[law]
+    kept = (
+        damping.restitution(damping.ratio(e) * change)
+        for e, change in zip(welded.restitutions, changes.tolist(), strict=True)
+    )
+    return dataclasses.replace(welded, restitutions=tuple(kept))
+
+
+def _judge_law(name: str, collision: Collision, contact: int, contrast: float) -> Iterator[OneBodyVerdict]:
+    """Yield the verdicts of one law on the user's collision: a second one where dashpots that are kept differ.
+
+    The law solves the welded collisions, the collision at multiples of its contrast, and the collision at the rising
+    contrasts on which a verdict is based.
     """
     multiples = [x for x in MULTIPLES if x * contrast <= _MOST]
     series = spaced_contrasts((_FROM, min(_MOST, max(_TO, 100 * contrast))), _PER_DECADE)
     stiffer = [*multiples[1:], *(x / contrast for x in series)]
     collisions = [collision, *(stiffen_contact(collision, contact, x) for x in stiffer)]
     outcomes = get_solver(name).solve_many(collisions, _SETTINGS)
-    of_welded = get_solver(_WELDED_BY.get(name, name))
-    (as_one,) = of_welded.solve_many([weld_contact(collision, contact)], _SETTINGS)
+    welded = [weld_contact(collision, contact)]
+    if name in _DASHPOTS and all(collision.restitutions) and set(welded[0].restitutions) != {1.0}:
+        welded.append(keep_dashpots(name, collision, contact))
+    of_welded = get_solver(_WELDED_BY.get(name, name)).solve_many(welded, _SETTINGS)
+    for as_one, keeps_dashpots in zip(of_welded, (False, True), strict=False):
+        yield OneBodyVerdict(
+            name, keeps_dashpots, *_compare_with_welded(collision, contact, outcomes, as_one, series)
+        )
+
+
+def _compare_with_welded(
+    collision: Collision, contact: int, outcomes: Sequence[Outcome], as_one: Outcome, series: Sequence[float]
+) -> tuple[str, tuple[float, ...], str, float, float]:
+    """Return the fields of a verdict from `reason` on.
+
+    Parameters
+    ----------
+    collision, contact
+        The user's collision, and the index of its stiff contact.
+    outcomes
+        Outcomes at multiples of the contrast of the user's collision, then those at the contrasts in `series`.
+    as_one
+        Outcome of the welded collision.
+    """
     for outcome in (as_one, outcomes[0]):
         if outcome.status not in RESULT_STATUSES:
             nothing = (math.nan,) * len(MULTIPLES)
-            return OneBodyVerdict(
-                name, f"{outcome.status}: {outcome.reason}", nothing, "undecided", math.nan, math.nan
-            )
+            return f"{outcome.status}: {outcome.reason}", nothing, "undecided", math.nan, math.nan
     weights = np.array(collision.masses) / np.dot(collision.masses, np.square(collision.velocities))
     form = velocities_of_balls(as_one.velocities, contact)
     differences = np.array([outcome.velocities for outcome in outcomes]) - form
     solved = np.array([outcome.status in RESULT_STATUSES for outcome in outcomes])
     distances = np.where(solved, kinetic_distance(weights, differences), math.nan)
-    at_multiples = distances[: len(multiples)].tolist()
+    at_multiples = distances[: -len(series)].tolist()
     at_multiples += [math.nan] * (len(MULTIPLES) - len(at_multiples))
-    of_series = slice(len(multiples), None)
-    verdict = _judge_law(outcomes[of_series], distances[of_series], series, weights, form)
+    verdict = _judge_series(outcomes[-len(series) :], distances[-len(series) :], series, weights, form)
     why = verdict.reason.replace("the closed form", "the welded collision")
-    return OneBodyVerdict(name, why, tuple(at_multiples), verdict.verdict, verdict.rate, verdict.offset)
+    return why, tuple(at_multiples), verdict.verdict, verdict.rate, verdict.offset
 
 
-def _judge_law(
+def _judge_series(
     outcomes: Sequence[Outcome],
     distances: Floats,
     contrasts: Sequence[float],
@@ -283,8 +366,19 @@ def _judge_law(
     )
 
 
+def _verdict_table(own: OwnPair, laws: Sequence[OneBodyVerdict], first: str) -> Table:
+    """Return the table of the verdicts of laws; `first` is the header of the column with the laws."""
+    contrasts = [number(x * own.contrast) for x in MULTIPLES]
+    header = [first, "as one body", f"D at {contrasts[0]} (yours)", *(f"D at {x}" for x in contrasts[1:])]
+    rows = [
+        (display_name(law.solver), law.as_one, *(number(d, 2) for d in law.distances), law.trend)
+        for law in laws
+    ]
+    return Table([*header, "as the contrast grows"], rows, text=2)
+
+
 def own_pair_blocks(own: OwnPair) -> Iterator[Block]:
-    """Yield what the command prints about a user's collision: a table with one row per law, and its explanation."""
+    """Yield what the command prints about a user's collision: tables with one row per law, and their explanation."""
     masses, place = own.collision.masses, own.contact
     at_table = place == len(masses) - 1
     united = (
@@ -297,21 +391,21 @@ def own_pair_blocks(own: OwnPair) -> Iterator[Block]:
         f"Contact {place + 1}, between {own.bodies}, is {number(own.contrast, 6)} times as stiff as any other; its "
         f"bodies {first}. Welded, {united}."
     )
-    contrasts = [number(x * own.contrast) for x in MULTIPLES]
-    header = ["law", "as one body", f"D at {contrasts[0]} (yours)", *(f"D at {x}" for x in contrasts[1:])]
-    rows = [
-        (display_name(law.solver), law.as_one, *(number(d, 2) for d in law.distances), law.trend)
-        for law in own.laws
-    ]
-    yield Table([*header, "as the contrast grows"], rows, text=2)
+    yield _verdict_table(own, [law for law in own.laws if not law.keeps_dashpots], "law")
     highest = number(max(_TO, min(_MOST, 100 * own.contrast)))
     yield (
         "D: difference from the same collision with the pair welded, by the same law. It is the kinetic norm "
         "of the difference of final velocities, over the kinetic norm of the velocities at first touch. The "
-        "other contacts keep their e, so a law with dashpots computes them anew for the welded body "
-        f"(docs/hypothesis.md). As one body: whether D is at most {CLOSE:g} at your contrast. As the contrast "
+        "other contacts keep their e, so a law with dashpots computes them anew for the welded body. "
+        f"As one body: whether D is at most {CLOSE:g} at your contrast. As the contrast "
         f"grows: where D goes as only this contact becomes stiffer, up to a contrast of {highest}."
     )
+    if kept := [law for law in own.laws if law.keeps_dashpots]:
+        yield _verdict_table(own, kept, "law, dashpots kept")
+        yield (
+            "Dashpots kept: in the welded collision the other contacts keep their damping (N s/m), as contacts of an "
+            "engine do, and so have another e (docs/hypothesis.md)."
+        )
     if own.meets:
         yield (
             "The bodies of the stiff contact collide with each other first, and restitution parts them. The hypothesis "
@@ -319,4 +413,4 @@ def own_pair_blocks(own: OwnPair) -> Iterator[Block]:
         )
     for law in own.laws:
         if law.as_one == "-":
-            yield f"{display_name(law.solver)}: {law.reason}"
+            yield f"{law.name}: {law.reason}"

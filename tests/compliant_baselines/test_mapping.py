@@ -1,7 +1,9 @@
 import math
 
+import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 
 from impact_xval.compliant_baselines.mapping import (
     KelvinVoigtContact,
@@ -10,6 +12,7 @@ from impact_xval.compliant_baselines.mapping import (
     restitution,
     textbook_damping_ratio,
 )
+from impact_xval.compliant_baselines.restitution import textbook_restitution
 
 
 def integrated_contact(zeta):
@@ -58,6 +61,20 @@ def test_restitution_outside_its_range_is_refused(function):
     for e in (0.0, -0.1, 1.0000001, math.nan):
         with pytest.raises(ValueError, match=r"e = .*; legal: greater than 0, at most 1"):
             function(e)
+
+
+@pytest.mark.parametrize("zeta", [0.0, 1e-6, 0.1, 0.6, 0.9])
+def test_the_textbooks_restitution_is_that_of_half_an_oscillation(zeta):
+    """x'' + 2 zeta x' + x = 0 is followed from x = 0, x' = 1 over half a period by a matrix exponential."""
+    half = math.pi / math.sqrt(1 - zeta**2)
+    x, v = expm(half * np.array([[0.0, 1.0], [-1.0, -2 * zeta]])) @ (0.0, 1.0)
+    assert x == pytest.approx(0, abs=1e-12)
+    assert textbook_restitution(zeta) == pytest.approx(-v, rel=1e-10, abs=1e-12)
+    assert textbook_damping_ratio(textbook_restitution(zeta)) == pytest.approx(zeta, rel=1e-9, abs=1e-12)
+
+
+def test_the_textbooks_critical_damping_has_no_rebound():
+    assert textbook_restitution(1.0) == 0
 
 
 def theory_restitution(zeta):

@@ -15,7 +15,11 @@ PAIR = "hypothesis --mass-ratio 2 --e1 0.8 --e2 0.6"
 
 
 def _laws(own):
-    return {law.solver: law for law in own.laws}
+    return {law.solver: law for law in own.laws if not law.keeps_dashpots}
+
+
+def _laws_with_kept_dashpots(own):
+    return {law.solver: law for law in own.laws if law.keeps_dashpots}
 
 
 def test_a_stiff_table_is_joined_by_the_model_and_d_is_that_of_a_hand_computation():
@@ -117,7 +121,7 @@ def test_a_longer_chain_is_solved_by_the_laws_for_any_number_of_balls():
         Collision((1.0, 2.0, 1.0, 3.0), (1e6, 5e8, 2e6), (0.9,) * 3, (-1.0, 0.0, 0.0, 0.0), table=False)
     )
     assert (own.contact, own.contrast, own.meets) == (1, 250.0, False)
-    assert len(own.laws) == 4
+    assert set(_laws(own)) == {"state-transition", "bistiffness", "kelvin-voigt", "kelvin-voigt-textbook"}
     assert all(np.isfinite(law.distances).all() for law in own.laws)
     assert _laws(own)["bistiffness"].as_one == "yes"
     assert "Welded, they are one body of 3 kg" in next(iter(own_pair_blocks(own)))
@@ -127,6 +131,46 @@ def test_a_contact_that_is_named_is_the_one_in_question():
     pair = Collision.two_balls(m1=1.0, m2=1.0, k1=1e6, k2=1e8, e1=0.9, e2=0.9, v0=-1.0)
     with pytest.raises(UserError, match=r"contact 1: .* is 0\.01; legal"):
         judge_own_pair(pair, 0)
+
+
+@pytest.mark.parametrize("law", ["kelvin-voigt", "kelvin-voigt-textbook", "compression-dashpot"])
+def test_a_law_with_dashpots_has_a_second_verdict_in_which_they_are_kept(law):
+    """With a stiff table D falls as 1/contrast if the dashpot of ball on ball is kept, and not with the same e.
+
+    Where the table holds ball 2, the reduced mass of ball on ball is m1, and not m1 m2/(m1 + m2). A welded collision
+    with any other dashpot has another final velocity of ball 1, so that D would not fall.
+    """
+    own = judge_own_pair(Collision.two_balls(m1=1.0, m2=2.0, k1=1e6, k2=1e8, e1=0.8, e2=0.6, v0=-1.0))
+    assert _laws(own)[law].verdict == "refuted"
+    assert _laws(own)[law].offset > 0.02
+    kept = _laws_with_kept_dashpots(own)[law]
+    assert kept.verdict == "supported"
+    assert kept.rate == pytest.approx(1, abs=0.1)
+    assert kept.distances[-1] < 1e-4
+    assert kept.name.endswith(", dashpots kept")
+
+
+def test_only_dashpots_that_welding_changes_have_a_second_verdict():
+    lossy = Collision.two_balls(m1=1.0, m2=2.0, k1=1e6, k2=1e8, e1=0.8, e2=0.6, v0=-1.0)
+    kept = {"kelvin-voigt", "kelvin-voigt-textbook", "compression-dashpot", "linear-dashpot"}
+    assert set(_laws_with_kept_dashpots(judge_own_pair(lossy))) == kept
+    elastic = Collision.two_balls(m1=1.0, m2=2.0, k1=1e6, k2=1e8, e1=1.0, e2=0.6, v0=-1.0)
+    assert not _laws_with_kept_dashpots(judge_own_pair(elastic))
+    plastic = Collision.two_balls(m1=1.0, m2=2.0, k1=1e6, k2=1e8, e1=0.0, e2=0.6, v0=-1.0)
+    assert not _laws_with_kept_dashpots(judge_own_pair(plastic))
+
+
+def test_a_contact_that_may_pull_lets_go_of_a_stiff_table():
+    """A ball that is pulled leaves a table however stiff, so no dashpot makes it a part of the table.
+
+    The contact of ball on ball pulls ball 2 up before it ends. The contact with the table ends at depth 0, which an
+    infinitely stiff contact reaches as soon as it is pulled. So ball 2 leaves the table with a velocity, with the same
+    dashpot too.
+    """
+    own = judge_own_pair(Collision.two_balls(m1=1.0, m2=2.0, k1=1e6, k2=1e8, e1=0.5, e2=0.6, v0=-1.0))
+    kept = _laws_with_kept_dashpots(own)["linear-dashpot"]
+    assert kept.verdict == "refuted"
+    assert 0 < kept.offset < _laws(own)["linear-dashpot"].offset
 
 
 def _reduced_mass(masses, contact):
@@ -160,6 +204,10 @@ def test_dashpots_that_are_kept_make_the_stiff_pair_one_body():
                 row.append(float(np.sqrt(masses @ (v - w) ** 2 / masses[0])))
             distances.append(row)
         same_e, same_c = np.transpose(distances)
+        apart = Collision(masses, stiffnesses, e, (-1, 0, 0), table=True)
+        verdict = _laws_with_kept_dashpots(judge_own_pair(apart, 1))["kelvin-voigt"]
+        assert verdict.verdict == "supported"
+        assert verdict.distances[0] == pytest.approx(same_c[-1], rel=1e-6)
         assert same_e[-1] > 0.005
         assert same_e[-1] == pytest.approx(same_e[-2], rel=1e-2)
         # The stiff contact oscillates, and D depends on its phase too.
