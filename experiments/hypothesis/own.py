@@ -92,11 +92,11 @@ _DASHPOTS = {
     "linear-dashpot": _TEXTBOOK,
 }
 
-#: Contrasts of the series of collisions that a verdict is based on. They rise from `_FROM` to the larger of two
-#: numbers: `_TO`, and a hundred times the contrast of the user's collision. They never exceed `_MOST`, which is also
-#: the limit in a test of the hypothesis. `_PER_DECADE` is the number of contrasts in a decade. `_DECADES` is the number
-#: of decades that a verdict is based on.
-_FROM, _TO, _MOST = 10.0, 1e6, 1e10
+#: Contrasts of the series of collisions that a verdict is based on. They rise from `_FROM` to the largest of three
+#: numbers: `_TO`, a hundred times the contrast of the user's collision, and `_BEYOND` times the contrast of
+#: `_overtaking_contrast`. They never exceed `_MOST`, which is also the limit in a test of the hypothesis. `_PER_DECADE`
+#: is the number of contrasts in a decade. `_DECADES` is the number of decades that a verdict is based on.
+_FROM, _TO, _BEYOND, _MOST = 10.0, 1e6, 1e5, 1e10
 _PER_DECADE, _DECADES = 4, 3.0
 
 #: Multiples of the contrast of the user's collision at which D is shown.
@@ -259,6 +259,10 @@ def judge_own_pair(collision: Collision, stiff: int | None = None) -> OwnPair:
         raise UserError(
             "exponent or gap: the hypothesis is tested on linear contacts that touch; legal: no exponent, no gap"
         )
+    try:
+        weld_contact(collision, contact)
+    except ValueError as error:
+        raise UserError(f"contact {contact + 1}, with its two bodies welded: {error}") from None
     solvers = (*SOLVERS, *OF_PAIRS) if collision.falls_on_resting else SOLVERS
     laws = [verdict for name in solvers for verdict in _judge_law(name, collision, contact, contrast)]
     return OwnPair(collision, contact, contrast, laws)
@@ -284,10 +288,30 @@ def keep_dashpots(law: str, collision: Collision, contact: int) -> Collision:
     changes = np.sqrt(before / np.array(reduced_masses(welded)))
     damping = _DASHPOTS[law]
     kept = (
-        damping.restitution(damping.ratio(e) * change)
+        # A contact whose bodies are not welded keeps its e to the bit.
+        e if change == 1 else damping.restitution(damping.ratio(e) * change)
         for e, change in zip(welded.restitutions, changes.tolist(), strict=True)
     )
     return dataclasses.replace(welded, restitutions=tuple(kept))
+
+
+def _overtaking_contrast(law: str, collision: Collision, contact: int) -> float:
+    """Return the contrast at which the stiff contact becomes quicker than every damping of a law; 0 without damping.
+
+    A dashpot stops its bodies in M/c = 1/(2 zeta omega) with omega^2 = k/M. A stiffer contact acts as an infinitely
+    stiff one only if it is much quicker, at contrasts far above (2 zeta)^2 times the ratio of the reduced masses. At
+    smaller contrasts D is constant too, as in an impact on a free body. The contact of Hunt and Crossley stops its
+    bodies in sqrt(2/A)/omega with A < 1/e (`compliant_baselines.restitution`), so 1/e stands for (2 zeta)^2.
+    """
+    if law in _DASHPOTS or law in _WELDED_BY:
+        ratio = _DASHPOTS[_WELDED_BY.get(law, law)].ratio
+        strongest = max((2 * ratio(e)) ** 2 for e in collision.restitutions)
+    elif law == "hunt-crossley":
+        strongest = 1 / min(collision.restitutions)
+    else:
+        return 0.0
+    masses = reduced_masses(collision)
+    return strongest * masses[contact] / min(np.delete(masses, contact))
 
 
 def _judge_law(name: str, collision: Collision, contact: int, contrast: float) -> Iterator[OneBodyVerdict]:
@@ -296,19 +320,32 @@ def _judge_law(name: str, collision: Collision, contact: int, contrast: float) -
     The law solves the welded collisions, the collision at multiples of its contrast, and the collision at the rising
     contrasts on which a verdict is based.
     """
+    solver = get_solver(name)
+    (own,) = solver.solve_many([collision], _SETTINGS)
+    if own.status not in RESULT_STATUSES:
+        nothing = (math.nan,) * len(MULTIPLES)
+        yield OneBodyVerdict(
+            name, False, f"{own.status}: {own.reason}", nothing, "undecided", math.nan, math.nan
+        )
+        return
     multiples = [x for x in MULTIPLES if x * contrast <= _MOST]
-    series = spaced_contrasts((_FROM, min(_MOST, max(_TO, 100 * contrast))), _PER_DECADE)
+    needed = _BEYOND * _overtaking_contrast(name, collision, contact)
+    series = spaced_contrasts((_FROM, min(_MOST, max(_TO, 100 * contrast, needed))), _PER_DECADE)
     stiffer = [*multiples[1:], *(x / contrast for x in series)]
-    collisions = [collision, *(stiffen_contact(collision, contact, x) for x in stiffer)]
-    outcomes = get_solver(name).solve_many(collisions, _SETTINGS)
+    outcomes = [own, *solver.solve_many([stiffen_contact(collision, contact, x) for x in stiffer], _SETTINGS)]
     welded = [weld_contact(collision, contact)]
-    if name in _DASHPOTS and all(collision.restitutions) and set(welded[0].restitutions) != {1.0}:
-        welded.append(keep_dashpots(name, collision, contact))
+    if name in _DASHPOTS:
+        kept = keep_dashpots(name, collision, contact)
+        welded += [kept] if kept.restitutions != welded[0].restitutions else []
     of_welded = get_solver(_WELDED_BY.get(name, name)).solve_many(welded, _SETTINGS)
     for as_one, keeps_dashpots in zip(of_welded, (False, True), strict=False):
-        yield OneBodyVerdict(
+        verdict = OneBodyVerdict(
             name, keeps_dashpots, *_compare_with_welded(collision, contact, outcomes, as_one, series)
         )
+        if needed > _MOST:
+            reason = f"so strong a dashpot needs contrasts up to {needed:.2g}; at most {_MOST:g} are solved"
+            verdict = verdict._replace(verdict="undecided", reason=reason)
+        yield verdict
 
 
 def _compare_with_welded(
@@ -321,14 +358,14 @@ def _compare_with_welded(
     collision, contact
         The user's collision, and the index of its stiff contact.
     outcomes
-        Outcomes at multiples of the contrast of the user's collision, then those at the contrasts in `series`.
+        Outcomes at multiples of the contrast of the user's collision, the first of which has a result, then those at
+        the contrasts in `series`.
     as_one
         Outcome of the welded collision.
     """
-    for outcome in (as_one, outcomes[0]):
-        if outcome.status not in RESULT_STATUSES:
-            nothing = (math.nan,) * len(MULTIPLES)
-            return f"{outcome.status}: {outcome.reason}", nothing, "undecided", math.nan, math.nan
+    if as_one.status not in RESULT_STATUSES:
+        nothing = (math.nan,) * len(MULTIPLES)
+        return f"{as_one.status}: {as_one.reason}", nothing, "undecided", math.nan, math.nan
     weights = np.array(collision.masses) / np.dot(collision.masses, np.square(collision.velocities))
     form = velocities_of_balls(as_one.velocities, contact)
     differences = np.array([outcome.velocities for outcome in outcomes]) - form
@@ -398,7 +435,8 @@ def own_pair_blocks(own: OwnPair) -> Iterator[Block]:
         "of the difference of final velocities, over the kinetic norm of the velocities at first touch. The "
         "other contacts keep their e, so a law with dashpots computes them anew for the welded body. "
         f"As one body: whether D is at most {CLOSE:g} at your contrast. As the contrast "
-        f"grows: where D goes as only this contact becomes stiffer, up to a contrast of {highest}."
+        f"grows: where D goes as only this contact becomes stiffer, up to a contrast of {highest}, and beyond it under "
+        "dashpots that leave an e below about 0.1."
     )
     if kept := [law for law in own.laws if law.keeps_dashpots]:
         yield _verdict_table(own, kept, "law, dashpots kept")

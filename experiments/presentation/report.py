@@ -59,10 +59,10 @@ def write_latex(folder: RunFolder, summary: Summary) -> Path:
     table, path = overall_table(summary), folder.root / "summary.tex"
     frame = pd.DataFrame(table.rows, columns=list(table.header))
     aligned = "l" * table.text + "r" * (len(table.header) - table.text)
-    styled = (
-        frame.style.format(escape="latex").format_index(escape="latex", axis="columns").hide(axis="index")
-    )
-    styled = styled.format(_write_in_latex, subset=list(table.header[table.text :]))
+    styled = frame.style.hide(axis="index")
+    styled.format(escape="latex")
+    styled.format(_write_in_latex, subset=list(table.header[table.text :]))
+    styled.format_index(escape="latex", axis="columns")
     write_text(path, styled.to_latex(column_format=aligned, hrules=True))
     return path
 
