@@ -1,9 +1,10 @@
 """Test of the test suite by changes of the physics: seeded mutants of `model/`, the references and their marks.
 
 A mutant is one executable line, drawn uniformly from all, with one change: a comparison, an operator, a sign, a
-condition, a number, or a whole statement left out. Each mutant is tried in a copy of the committed files: first on the
-golden values, then, if it survives them, on the tests of `model`, then on the whole suite, each up to the first test
-that fails. A mutant takes a minute or two if the golden values reveal it, and as long as the suite if nothing does.
+condition, a number, or a whole statement left out. Each mutant is tried in a copy of the committed files, in three
+stages: the golden values, the tests of `model`, and all other tests. A stage ends at the first test that fails, and a
+mutant that survives a stage goes to the next one. A mutant takes a minute or two if the golden values reveal it, and as
+long as the suite if nothing does.
 
     python -m benchmarks.mutants --count 24 --seed 1
 """
@@ -31,7 +32,8 @@ STAGES = {
     "model": ["tests/model"],
     "suite": ["tests", "--ignore", "tests/golden", "--ignore", "tests/model"],
 }
-#: Longest time in s for each stage of the tests: four times what it takes, or more. A mutant may never end otherwise.
+#: Time limit in s for each stage: at least four times as long as the stage takes without a mutant. The limit is needed
+#: because a mutant can loop for ever.
 LONGEST = {"golden": 600, "model": 1200, "suite": 3600}
 
 _SWAPS: dict[type, type] = {

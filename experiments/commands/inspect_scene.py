@@ -55,13 +55,13 @@ def inspect_command(
     Contacts with the same parameters form a group. Two bodies of each group collide without gravity and without the
     rest of the scene. You get their restitution, stiffness, time steps per contact and depth at rest (with gravity),
     and the parameters to write for another contact. All of these hold for two bodies alone, not for a body in two
-    contacts at once. A long, soft contact under gravity returns less than the restitution that is printed.
+    contacts at once. Under gravity a long, soft contact has a smaller restitution than the printed one.
 
     A trap is a parameter that the engine replaces, ignores or reads in another way. The exit code is 3 if
     the scene has traps.
 
-    --fix writes the scene with other contacts where solref has negative numbers. Contacts with a positive solref keep
-    it: for these, copy the parameters that the command prints.
+    --fix changes only contacts whose solref is negative: it writes other parameters for them. A contact whose solref is
+    positive stays as it is; to change it, copy the parameters that the command prints.
 
     Example: impact-xval inspect robot.xml
 

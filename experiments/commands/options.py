@@ -197,7 +197,7 @@ def stop_if_unavailable(solvers: list[str] | None, statuses: Iterable[tuple[str,
 
     available = {name for name, status in statuses if status != "unavailable"}
     if solvers and available.isdisjoint(solvers):
-        error_line(f"unavailable, so nothing was compared: {', '.join(solvers)}")
+        error_line(f"nothing was compared, because these solvers are unavailable: {', '.join(solvers)}")
         raise typer.Exit(1)
 
 

@@ -311,10 +311,8 @@ def writing_folder(words: Sequence[str | Path], console: Console, before: str) -
                 progress(done, total, line)
 
             yield report
-    except (
-        InterruptedRunError,
-        KeyboardInterrupt,
-    ) as stopped:  # Ctrl-C can come before and after the run itself
+    # Ctrl-C can come just before and just after the run itself, which raises an `InterruptedRunError`.
+    except (InterruptedRunError, KeyboardInterrupt) as stopped:
         command = shlex.join(["impact-xval", *map(str, words)])
         line = f"{str(stopped) or 'interrupted'}; finished parts are kept; to continue: {command}"
         raise InterruptedRunError(line) from None

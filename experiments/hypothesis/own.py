@@ -9,7 +9,8 @@ the velocities at first touch. The outcomes at rising contrasts are judged by th
 (`judging`). The command `impact-xval hypothesis` calls this module.
 
 "The same contacts" has two meanings for a law with dashpots: the contacts of the welded collision keep their e, or they
-keep their dashpots in N s/m (`keep_dashpots`). Such a law has a verdict for each.
+keep their damping in N s/m (`keep_dashpots`). A law with dashpots gets a verdict for each meaning, if the meanings give
+different collisions.
 """
 
 from __future__ import annotations
@@ -83,8 +84,9 @@ class _Damping(NamedTuple):
 _PUSHING = _Damping(damping_ratio, restitution)
 _TEXTBOOK = _Damping(textbook_damping_ratio, textbook_restitution)
 
-#: Laws whose contacts have a linear dashpot for the reduced mass of their two bodies. A dashpot in compression only
-#: needs the damping ratio of a full one for e^2 (`compliant_baselines.restitution`).
+#: Laws whose contacts have a linear dashpot for the reduced mass of their two bodies. For e,
+#: `compression-dashpot` needs the damping ratio that a dashpot in both directions needs for e^2
+#: (`compliant_baselines.restitution`).
 _DASHPOTS = {
     "kelvin-voigt": _PUSHING,
     "kelvin-voigt-textbook": _TEXTBOOK,
@@ -269,10 +271,10 @@ def judge_own_pair(collision: Collision, stiff: int | None = None) -> OwnPair:
 
 
 def keep_dashpots(law: str, collision: Collision, contact: int) -> Collision:
-    """Return the welded collision in which all contacts have the dashpots that they have in a collision.
+    """Return the welded collision with the damping (N s/m) that its contacts have before welding.
 
     The damping of a contact in N s/m is 2 zeta sqrt(k M) with the reduced mass M of its two bodies. Welding changes M.
-    So the damping ratio zeta is multiplied by the root of the ratio of the reduced masses, and e follows from zeta.
+    So the damping ratio zeta is multiplied by sqrt(M before/M after), and e follows from zeta.
 
     Parameters
     ----------
@@ -288,7 +290,7 @@ def keep_dashpots(law: str, collision: Collision, contact: int) -> Collision:
     changes = np.sqrt(before / np.array(reduced_masses(welded)))
     damping = _DASHPOTS[law]
     kept = (
-        # A contact whose bodies are not welded keeps its e to the bit.
+        # A contact that does not touch the welded body keeps its e to the bit.
         e if change == 1 else damping.restitution(damping.ratio(e) * change)
         for e, change in zip(welded.restitutions, changes.tolist(), strict=True)
     )
@@ -296,12 +298,13 @@ def keep_dashpots(law: str, collision: Collision, contact: int) -> Collision:
 
 
 def _overtaking_contrast(law: str, collision: Collision, contact: int) -> float:
-    """Return the contrast at which the stiff contact becomes quicker than every damping of a law; 0 without damping.
+    """Return the contrast above which the stiff contact is quicker than the damping of all contacts; 0 without damping.
 
-    A dashpot stops its bodies in M/c = 1/(2 zeta omega) with omega^2 = k/M. A stiffer contact acts as an infinitely
-    stiff one only if it is much quicker, at contrasts far above (2 zeta)^2 times the ratio of the reduced masses. At
-    smaller contrasts D is constant too, as in an impact on a free body. The contact of Hunt and Crossley stops its
-    bodies in sqrt(2/A)/omega with A < 1/e (`compliant_baselines.restitution`), so 1/e stands for (2 zeta)^2.
+    A dashpot stops its bodies in the time M/c = 1/(2 zeta omega) with omega^2 = k/M. A stiffer contact acts as an
+    infinitely stiff one only if it is much quicker, at contrasts far above (2 zeta)^2 times the ratio of the reduced
+    masses. Below this contrast D is nearly constant, because the stiff contact has no time to act: the impact is one on
+    a free body. So a constant D there is no sign of a limit. A Hunt-Crossley contact stops its bodies in the time
+    sqrt(2/A)/omega, and A < 1/e (`compliant_baselines.restitution`). So 1/e takes the place of (2 zeta)^2.
     """
     if law in _DASHPOTS or law in _WELDED_BY:
         ratio = _DASHPOTS[_WELDED_BY.get(law, law)].ratio
@@ -315,7 +318,7 @@ def _overtaking_contrast(law: str, collision: Collision, contact: int) -> float:
 
 
 def _judge_law(name: str, collision: Collision, contact: int, contrast: float) -> Iterator[OneBodyVerdict]:
-    """Yield the verdicts of one law on the user's collision: a second one where dashpots that are kept differ.
+    """Yield the verdict of one law with the same e, and one with kept dashpots if these give another welded collision.
 
     The law solves the welded collisions, the collision at multiples of its contrast, and the collision at the rising
     contrasts on which a verdict is based.
@@ -343,7 +346,9 @@ def _judge_law(name: str, collision: Collision, contact: int, contrast: float) -
             name, keeps_dashpots, *_compare_with_welded(collision, contact, outcomes, as_one, series)
         )
         if needed > _MOST:
-            reason = f"so strong a dashpot needs contrasts up to {needed:.2g}; at most {_MOST:g} are solved"
+            reason = (
+                f"damping this strong needs contrasts up to {needed:.2g}; the largest one solved is {_MOST:g}"
+            )
             verdict = verdict._replace(verdict="undecided", reason=reason)
         yield verdict
 
@@ -435,8 +440,8 @@ def own_pair_blocks(own: OwnPair) -> Iterator[Block]:
         "of the difference of final velocities, over the kinetic norm of the velocities at first touch. The "
         "other contacts keep their e, so a law with dashpots computes them anew for the welded body. "
         f"As one body: whether D is at most {CLOSE:g} at your contrast. As the contrast "
-        f"grows: where D goes as only this contact becomes stiffer, up to a contrast of {highest}, and beyond it under "
-        "dashpots that leave an e below about 0.1."
+        f"grows: where D goes as only this contact becomes stiffer, up to a contrast of {highest}, or further if "
+        "strong damping needs it (an e below about 0.1)."
     )
     if kept := [law for law in own.laws if law.keeps_dashpots]:
         yield _verdict_table(own, kept, "law, dashpots kept")

@@ -556,8 +556,8 @@ def overall_table(summary: Summary) -> Table:
     ).strip()
     if "same path" in last:
         caption += (
-            ' In "same path": share of the cells that the model solves without a closed form, in which the contacts '
-            "open and close in the order of the model."
+            ' "same path" counts only cells that the model solves without a closed form. It is the share of these '
+            "cells in which the contacts open and close in the same order as in the model."
         )
     return Table(header, rows, caption, text=2)
 

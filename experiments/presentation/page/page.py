@@ -551,7 +551,8 @@ def _glossary_section(summary: Summary) -> Section:
 def _provenance_section(folder: RunFolder) -> Section:
     """Return the section that lists the entries of the manifest of a run.
 
-    The counts of statuses have a section of their own, and the page of a run is written before the run is complete.
+    It leaves out the counts of statuses, which have a section of their own, and the state of the run, which is not
+    complete when its page is written.
     """
     entries = {key: value for key, value in folder.manifest().items() if key not in ("statuses", "state")}
     rows = [*_flatten(entries)]

@@ -185,7 +185,7 @@ def test_a_dashpot_that_is_too_strong_to_be_overtaken_has_no_verdict():
     own = judge_own_pair(Collision.two_balls(m1=1.0, m2=2.0, k1=1e6, k2=1e8, e1=3e-4, e2=0.5, v0=-1.0))
     for laws in (_laws(own), _laws_with_kept_dashpots(own)):
         verdict = laws["compression-dashpot"]
-        assert verdict.trend.startswith("undecided: so strong a dashpot needs contrasts up to ")
+        assert verdict.trend.startswith("undecided: damping this strong needs contrasts up to ")
 
 
 def test_a_welded_collision_in_which_nothing_meets_is_refused():
