@@ -32,8 +32,7 @@ STAGES = {
     "model": ["tests/model"],
     "suite": ["tests", "--ignore", "tests/golden", "--ignore", "tests/model"],
 }
-#: Time limit in s for each stage: at least four times as long as the stage takes without a mutant. The limit is needed
-#: because a mutant can loop for ever.
+#: Time limit in s for each stage. Without it a mutant could loop for ever.
 LONGEST = {"golden": 600, "model": 1200, "suite": 3600}
 
 _SWAPS: dict[type, type] = {

@@ -196,11 +196,6 @@ def dampings(collisions: Collisions, law: str) -> Floats:
         rates = c.compression_rates
         largest = np.abs(rates).max(axis=1) / rates.max(axis=1)
         return hunt_crossley_coefficients(flat).reshape(rates.shape) * largest[:, None]
-    ratios = textbook_damping_ratios if law in _TEXTBOOK else damping_ratios
-    if law == "compression-dashpot":
-        flat = (
-            flat**2
-        )  # a dashpot in compression only needs the damping ratio of a full one for e^2, see `restitution`
     with np.errstate(over="ignore", under="ignore", invalid="ignore", divide="ignore"):
         below = [np.full(len(c), np.inf)] if c.table else []
         inverse = c.masses[:, :1] / np.column_stack([c.masses, *below])
@@ -208,7 +203,21 @@ def dampings(collisions: Collisions, law: str) -> Floats:
         if law == "kelvin-voigt-anchored":
             mass[:, 0] = 1.0
         root = np.sqrt(c.stiffnesses / c.stiffnesses[:, :1]) * np.sqrt(mass)
-        return 2 * ratios(flat).reshape(root.shape) * np.sqrt(0.5 * (c.exponent + 1)) * root
+        return (
+            2 * damping_ratios_of_law(law, flat).reshape(root.shape) * np.sqrt(0.5 * (c.exponent + 1)) * root
+        )
+
+
+def damping_ratios_of_law(law: str, e: Floats) -> Floats:
+    """Return the damping ratios with which the contacts of a law with linear dashpots have the restitutions e.
+
+    `e` has the shape (n,). The result is NaN for e outside (0, 1].
+    """
+    if (
+        law == "compression-dashpot"
+    ):  # it needs the damping ratio that a dashpot in both directions needs for e^2
+        e = e**2
+    return (textbook_damping_ratios if law in _TEXTBOOK else damping_ratios)(e)
 
 
 def law_at(law: str, *, frozen: bool = False, max_steps: int = MAX_WINDOWS) -> marks.Law:
@@ -323,15 +332,9 @@ def graph_dampings(W: Floats, k: Floats, e: Floats, law: str) -> Floats:
     """
     if law == "bistiffness":
         return np.zeros(k.shape)
-    ratios = textbook_damping_ratios if law in _TEXTBOOK else damping_ratios
-    flat = e.ravel()
-    if law == "compression-dashpot":
-        flat = (
-            flat**2
-        )  # a dashpot in compression only needs the damping ratio of a full one for e^2, see `restitution`
     diagonal = np.diagonal(W, axis1=1, axis2=2)
     with np.errstate(over="ignore", under="ignore", invalid="ignore", divide="ignore"):
-        return 2 * ratios(flat).reshape(k.shape) * np.sqrt(k) / np.sqrt(diagonal)
+        return 2 * damping_ratios_of_law(law, e.ravel()).reshape(k.shape) * np.sqrt(k) / np.sqrt(diagonal)
 
 
 def _outcome_of_impulses(

@@ -57,8 +57,6 @@ def scoreboard_command(
     Example: impact-xval scoreboard --with mujoco==3.3.7 --with mujoco==4.0.0
     """
     names = known_solvers(solver) if solver else ()
-    import pandas as pd
-
     from impact_xval.experiments.presentation.terminal import make_console, print_blocks, show_progress
     from impact_xval.experiments.scoreboard.baseline import compare_with_baseline, read_baseline
     from impact_xval.experiments.scoreboard.page import write_scoreboard
@@ -108,8 +106,10 @@ def scoreboard_command(
         raise _all_in_one(missing)
     if differs:
         raise typer.Exit(3)
-    asked = pd.concat([answers, answers_elsewhere])
-    stop_if_unavailable(solver, zip(asked.solver, asked.status, strict=True))
+    frames = (answers, answers_elsewhere)
+    stop_if_unavailable(
+        solver, (row for each in frames for row in zip(each.solver, each.status, strict=True))
+    )
 
 
 def _describe_stored(stored: Sequence[str], root: Path) -> str:

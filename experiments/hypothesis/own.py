@@ -27,12 +27,8 @@ from pydantic import Field
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.engines.scene import reduced_masses
-from impact_xval.compliant_baselines.restitution import (
-    damping_ratio,
-    restitution,
-    textbook_damping_ratio,
-    textbook_restitution,
-)
+from impact_xval.compliant_baselines.references import damping_ratios_of_law
+from impact_xval.compliant_baselines.restitution import restitution, textbook_restitution
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.config.axes import Strict
 from impact_xval.experiments.config.errors import UserError, read_toml, validate
@@ -73,25 +69,13 @@ OF_PAIRS = (
 #: is needed because the welded collision has a single ball.
 _WELDED_BY = {"kelvin-voigt-anchored": "kelvin-voigt"}
 
-
-class _Damping(NamedTuple):
-    """How a law turns the restitution of a contact into the damping ratio of its dashpot, and back."""
-
-    ratio: Callable[[float], float]
-    restitution: Callable[[float], float]
-
-
-_PUSHING = _Damping(damping_ratio, restitution)
-_TEXTBOOK = _Damping(textbook_damping_ratio, textbook_restitution)
-
-#: Laws whose contacts have a linear dashpot for the reduced mass of their two bodies. For e,
-#: `compression-dashpot` needs the damping ratio that a dashpot in both directions needs for e^2
-#: (`compliant_baselines.restitution`).
-_DASHPOTS = {
-    "kelvin-voigt": _PUSHING,
-    "kelvin-voigt-textbook": _TEXTBOOK,
-    "compression-dashpot": _Damping(lambda e: damping_ratio(e**2), lambda zeta: math.sqrt(restitution(zeta))),
-    "linear-dashpot": _TEXTBOOK,
+#: Laws whose contacts have a linear dashpot for the reduced mass of their two bodies, each with the restitution that a
+#: damping ratio gives: the inverse of `references.damping_ratios_of_law`.
+_DASHPOTS: dict[str, Callable[[float], float]] = {
+    "kelvin-voigt": restitution,
+    "kelvin-voigt-textbook": textbook_restitution,
+    "compression-dashpot": lambda zeta: math.sqrt(restitution(zeta)),
+    "linear-dashpot": textbook_restitution,
 }
 
 #: Contrasts of the series of collisions that a verdict is based on. They rise from `_FROM` to the largest of three
@@ -288,11 +272,11 @@ def keep_dashpots(law: str, collision: Collision, contact: int) -> Collision:
     welded = weld_contact(collision, contact)
     before = np.delete(reduced_masses(collision), contact)
     changes = np.sqrt(before / np.array(reduced_masses(welded)))
-    damping = _DASHPOTS[law]
+    ratios = damping_ratios_of_law(law, np.array(welded.restitutions))
     kept = (
         # A contact that does not touch the welded body keeps its e to the bit.
-        e if change == 1 else damping.restitution(damping.ratio(e) * change)
-        for e, change in zip(welded.restitutions, changes.tolist(), strict=True)
+        e if change == 1 else _DASHPOTS[law](ratio * change)
+        for e, ratio, change in zip(welded.restitutions, ratios.tolist(), changes.tolist(), strict=True)
     )
     return dataclasses.replace(welded, restitutions=tuple(kept))
 
@@ -307,8 +291,8 @@ def _overtaking_contrast(law: str, collision: Collision, contact: int) -> float:
     sqrt(2/A)/omega, and A < 1/e (`compliant_baselines.restitution`). So 1/e takes the place of (2 zeta)^2.
     """
     if law in _DASHPOTS or law in _WELDED_BY:
-        ratio = _DASHPOTS[_WELDED_BY.get(law, law)].ratio
-        strongest = max((2 * ratio(e)) ** 2 for e in collision.restitutions)
+        ratios = damping_ratios_of_law(_WELDED_BY.get(law, law), np.array(collision.restitutions))
+        strongest = float(4 * ratios.max() ** 2)
     elif law == "hunt-crossley":
         strongest = 1 / min(collision.restitutions)
     else:
@@ -326,10 +310,7 @@ def _judge_law(name: str, collision: Collision, contact: int, contrast: float) -
     solver = get_solver(name)
     (own,) = solver.solve_many([collision], _SETTINGS)
     if own.status not in RESULT_STATUSES:
-        nothing = (math.nan,) * len(MULTIPLES)
-        yield OneBodyVerdict(
-            name, False, f"{own.status}: {own.reason}", nothing, "undecided", math.nan, math.nan
-        )
+        yield OneBodyVerdict(name, False, *_without_distance(own))
         return
     multiples = [x for x in MULTIPLES if x * contrast <= _MOST]
     needed = _BEYOND * _overtaking_contrast(name, collision, contact)
@@ -353,6 +334,17 @@ def _judge_law(name: str, collision: Collision, contact: int, contrast: float) -
         yield verdict
 
 
+def _without_distance(outcome: Outcome) -> tuple[str, tuple[float, ...], str, float, float]:
+    """Return the fields of a verdict from `reason` on, where an outcome without a result gives no D."""
+    return (
+        f"{outcome.status}: {outcome.reason}",
+        (math.nan,) * len(MULTIPLES),
+        "undecided",
+        math.nan,
+        math.nan,
+    )
+
+
 def _compare_with_welded(
     collision: Collision, contact: int, outcomes: Sequence[Outcome], as_one: Outcome, series: Sequence[float]
 ) -> tuple[str, tuple[float, ...], str, float, float]:
@@ -369,8 +361,7 @@ def _compare_with_welded(
         Outcome of the welded collision.
     """
     if as_one.status not in RESULT_STATUSES:
-        nothing = (math.nan,) * len(MULTIPLES)
-        return f"{as_one.status}: {as_one.reason}", nothing, "undecided", math.nan, math.nan
+        return _without_distance(as_one)
     weights = np.array(collision.masses) / np.dot(collision.masses, np.square(collision.velocities))
     form = velocities_of_balls(as_one.velocities, contact)
     differences = np.array([outcome.velocities for outcome in outcomes]) - form

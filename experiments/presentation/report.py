@@ -69,8 +69,8 @@ def write_latex(folder: RunFolder, summary: Summary) -> Path:
 
 def _write_in_latex(entry: object) -> str:
     """Write an entry such as ``7.77e-15`` or ``27.4 %`` for LaTeX."""
-    digits, _, exponent = str(entry).partition("e")
-    return rf"${digits} \times 10^{{{int(exponent)}}}$" if exponent else digits.replace("%", r"\%")
+    significand, _, exponent = str(entry).partition("e")
+    return rf"${significand} \times 10^{{{int(exponent)}}}$" if exponent else significand.replace("%", r"\%")
 
 
 def write_report(folder: RunFolder, summary: Summary, cells: Callable[[], str] | None = None) -> Path:
